@@ -18,7 +18,7 @@ from rvaft.core.conditions import (
     TruthTest,
     spelled,
 )
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, Reason
 from rvaft.model.assumptions import Declared
 from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, Sort, variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
@@ -43,9 +43,10 @@ class Lack(Enum):
 class FieldConditions(ABC):
     """The conditions of one language; `{p}` in a template is a path, `{v}` a literal.
 
+    >>> from rvaft.errors import unwritten
     >>> class Dialect(FieldConditions):
     ...     exists, equals, differs, is_truth = "has {p}", "{p} = {v}", "{p} != {v}", "{p} = {v}"
-    ...     reasons = {Lack.CALCULATION: "it calculates nothing"}
+    ...     reasons = {Lack.CALCULATION: unwritten("it calculates nothing")}
     ...     def path(self, way): return ".".join(map(str, way))
     ...     def literal(self, value): return repr(value)
     >>> from rvaft.language.parser import parse_guard, parse_pattern
@@ -75,7 +76,7 @@ class FieldConditions(ABC):
     """`denied` for a string that is assumed to be there, if it is simpler."""
     comparing_asks: ClassVar[bool] = False
     """Whether a comparison implies that the field exists."""
-    reasons: ClassVar[Mapping[Lack, str]]
+    reasons: ClassVar[Mapping[Lack, Reason]]
     declared: Declared = Declared()
     """What the log is assumed to keep for the event of the condition."""
     _ways: dict[str, FieldPath]
@@ -235,4 +236,4 @@ def naming(node: str) -> Iterator[None]:
     try:
         yield
     except NotExpressible as refusal:
-        raise NotExpressible(refusal.reason, nodes=refusal.nodes or [node]) from None
+        raise NotExpressible(refusal.why, nodes=refusal.nodes or [node]) from None

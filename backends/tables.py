@@ -13,7 +13,7 @@ from typing import Any, Final, NamedTuple, TypeAlias, cast
 
 from rvaft.core.property import Property
 from rvaft.core.times import untimed
-from rvaft.errors import LanguageError, NotExpressible, OptionError
+from rvaft.errors import LanguageError, NotExpressible, OptionError, unwritten
 from rvaft.language.parser import parse_time
 from rvaft.model.assumptions import has_type, places, used_events
 from rvaft.model.event_time import UNITS, EventTime
@@ -103,7 +103,7 @@ class TableHeader(NamedTuple):
         """
         names = {".".join(map(str, path)): path for path in types}
         if len(names) < len(types):
-            raise NotExpressible("two fields have the same name with dots, and columns are named by it")
+            raise NotExpressible(unwritten("two fields have the same name with dots, and columns are named by it"))
         if unknown := sorted(set(table.columns) - set(names)):
             known = ", ".join(sorted(names)) or "none"
             raise OptionError(f"the tree reads no field {unknown[0]}; fields: {known}")
@@ -113,7 +113,7 @@ class TableHeader(NamedTuple):
         )
         for column in columns:
             if _NO_NAME.search(column.name):
-                raise NotExpressible(f"the field {column.name!a} is no name of a column: name one for it")
+                raise NotExpressible(unwritten(f"the field {column.name!a} is no name of a column: name one for it"))
         taken = [*(column.name.lower() for column in columns), *filter(None, (table.trace.lower(),))]
         if twice := next((name for name in taken if taken.count(name) > 1), ""):
             raise OptionError(f"two fields have the column {twice}: name their columns")
@@ -177,7 +177,9 @@ def column_types(prop: Property) -> dict[Path, ValueType]:
         known, where = found.setdefault(path, (type_, what))
         if known is not type_ and not {known, type_} <= _NUMBERS:
             name = ".".join(map(str, path))
-            raise NotExpressible(f"a column has one type, and {name} is {known} in {where} but {type_} in {what}")
+            raise NotExpressible(
+                unwritten(f"a column has one type, and {name} is {known} in {where} but {type_} in {what}")
+            )
         found[path] = (known if known is type_ else ValueType.NUMBER), where
 
     missing = [one for one in (Assumption.TYPES, Assumption.PRESENT) if one not in prop.assumes]
@@ -189,20 +191,20 @@ def column_types(prop: Property) -> dict[Path, ValueType]:
                 case Variable(parameter):
                     type_ = event.type_of(parameter)
                     if missing:
-                        raise NotExpressible(f"typed columns need `assume {', '.join(missing)};`")
+                        raise NotExpressible(unwritten(f"typed columns need `assume {', '.join(missing)};`"))
                     if type_ not in COLUMN_KINDS:
                         what = f"declare the type of parameter {parameter} of event {name}"
-                        raise NotExpressible(f"a column has text, numbers or Booleans: {what}")
+                        raise NotExpressible(unwritten(f"a column has text, numbers or Booleans: {what}"))
                     if type_ is ValueType.NUMBER and Assumption.EXACT not in prop.assumes:
-                        raise NotExpressible("columns of numbers are doubles, and need `assume exact;`")
+                        raise NotExpressible(unwritten("columns of numbers are doubles, and need `assume exact;`"))
                     add(path, type_, f"event {name}")
                 case Anything():
                     what = f"make the `_` of {written} in event {name} a parameter with a type"
-                    raise NotExpressible(f"a column does not distinguish null from an absent field: {what}")
+                    raise NotExpressible(unwritten(f"a column does not distinguish null from an absent field: {what}"))
                 case ObjectPattern(()) if path:
-                    raise NotExpressible(f"a column holds no object, as {written} of event {name} is")
+                    raise NotExpressible(unwritten(f"a column holds no object, as {written} of event {name} is"))
                 case ListPattern() | SomeItem():
-                    raise NotExpressible(f"a column holds no list, as {written} of event {name} is")
+                    raise NotExpressible(unwritten(f"a column holds no list, as {written} of event {name} is"))
                 case Literal() | ObjectPattern():
                     pass
     patterns = [
@@ -226,7 +228,7 @@ def variable_types(prop: Property, types: Mapping[Path, ValueType]) -> dict[str,
                 known = found.setdefault(part.name, types[path])
                 if known is not types[path] and not {known, types[path]} <= _NUMBERS:
                     reason = f"variable {part.name} is {known} and {types[path]}: columns of two types are not compared"
-                    raise NotExpressible(reason)
+                    raise NotExpressible(unwritten(reason))
     return found
 
 
@@ -239,7 +241,9 @@ def _type(literal: Literal, written: str) -> ValueType:
         case str():
             return ValueType.TEXT
         case _:
-            raise NotExpressible(f"a column does not distinguish null from an absent field, as {written} does")
+            raise NotExpressible(
+                unwritten(f"a column does not distinguish null from an absent field, as {written} does")
+            )
 
 
 def _cell(value: Json, type_: ValueType) -> Json:

@@ -16,7 +16,7 @@ from backends.mfotl.monpoly import MfotlHeader
 from backends.mtl import r2u2
 from cross_check.participants import Answer, Outside, absent_on_error, detected
 from rvaft.backend import Specification, backend
-from rvaft.errors import NotExpressible, ToolFailed
+from rvaft.errors import NotExpressible, ToolFailed, unwritten
 from rvaft.export.certificates import part_options, run
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
@@ -78,7 +78,7 @@ def verified_of(
     options = ["--traces", *part]
     _, _, refused = run(program, whole, options, timeout=timeout)
     if refused:
-        raise NotExpressible(refused, backend=VERIFIED, semantics=semantics)
+        raise NotExpressible(unwritten(refused), backend=VERIFIED, semantics=semantics)
 
     def answers(traces: Sequence[Sequence[Json]]) -> list[Answer]:
         given = "".join(f"{json.dumps(list(trace))}\n" for trace in traces)

@@ -18,10 +18,19 @@ from itertools import count
 from time import perf_counter
 from typing import Any, ClassVar, Final, TypeAlias, final
 
-from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check
+from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check, extended
 from rvaft.core.passes import Pass, decide_constants, property_of
 from rvaft.core.property import Event, Part, Property
-from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import (
+    NotExpressible,
+    OptionError,
+    Reason,
+    RvaftError,
+    TooLarge,
+    ToolFailed,
+    ToolMissing,
+    unwritten,
+)
 from rvaft.model import guards, patterns
 from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import assumptions_text
@@ -81,6 +90,8 @@ class Specification:
     reader: Callable[[str], Monitor] | None = field(default=None, repr=False, compare=False)
     assumes: frozenset[Assumption] = frozenset()
     """The assumptions that the text relies on."""
+    extensions: tuple[str, ...] = ()
+    """The extensions of rvaft that the text uses, which other programs of the language do not read."""
 
     def monitor(self) -> Monitor:
         """Return a new monitor that runs `text`; raises `OptionError` if the language is only
@@ -204,8 +215,13 @@ class Backend(ABC):
     """A comment of the language with `{}` for its text; empty if texts have no comments."""
     remark_line: ClassVar[int] = 0
     """The number of lines before a remark."""
-    reasons: ClassVar[Mapping[Capability, str]] = {}
+    reasons: ClassVar[Mapping[Capability, Reason]] = {}
     """Specific reasons for missing capabilities; `Semantics` stands for all missing semantics."""
+    extensions: ClassVar[Mapping[Capability, str]] = {}
+    """Capabilities that texts have by an extension of rvaft, each with its name.
+
+    Other programs of the language do not read such texts.
+    """
     most_nodes: ClassVar[int] = 20_000
     """The number of nodes above which `translate` raises `TooLarge` before any work, unless the
     limit is larger.
@@ -237,6 +253,7 @@ class Backend(ABC):
             cls.passes,
             cls.reasons,
             cls.needs,
+            cls.extensions,
         )
 
     @final
@@ -253,7 +270,7 @@ class Backend(ABC):
             raise ToolFailed(f"the backend {self.name}", reason=reason)
         metrics = replace(written.metrics, seconds=perf_counter() - start)
         text = self._remarked(written.text, prop.assumes, tree) if prop.assumes else written.text
-        return Specification(text, self.language, metrics, written.reader or self.read, prop.assumes)
+        return Specification(text, self.language, metrics, written.reader or self.read, prop.assumes, prop.extensions)
 
     def _remarked(self, text: str, assumes: frozenset[Assumption], tree: RVAFT) -> str:
         """Return the text with a comment that lists the assumptions."""
@@ -273,7 +290,7 @@ class Backend(ABC):
             assumes = check(prop, semantics, self.capabilities()) | (self.relies & tree.assumes)
             if prop.time is not None and prop.time.late is not None and Feature.LATE not in self.features:
                 prop, assumes = replace(prop, time=replace(prop.time, late=None)), assumes | {Assumption.ORDER}
-            prop = replace(prop, assumes=assumes)
+            prop = replace(prop, assumes=assumes, extensions=extended(prop, self.capabilities()))
             for each in self.passes:
                 prop = each(prop)
             if self.passes:
@@ -288,7 +305,7 @@ class Backend(ABC):
         except NotExpressible as refusal:
             if refusal.backend:
                 raise
-            named = NotExpressible(refusal.reason, backend=self.name, semantics=semantics, nodes=refusal.nodes)
+            named = NotExpressible(refusal.why, backend=self.name, semantics=semantics, nodes=refusal.nodes)
             if semantics not in self.semantics:
                 known = [each.value for each in Semantics if each in self.semantics]
                 named.add_note(f"{self.name} supports --semantics {' and '.join(known)}")
@@ -357,11 +374,11 @@ class Backend(ABC):
         `limit` bounds its size in the unit of the backend. Raises `TooLarge`, and `NotExpressible`
         if the language has no graphs (the default).
         """
-        raise NotExpressible("the language has no graphs to draw", backend=self.name, semantics=semantics)
+        raise NotExpressible(unwritten("the language has no graphs to draw"), backend=self.name, semantics=semantics)
 
     def formal(self, text: str) -> dict[str, Any]:  # noqa: ARG002
         """Return the abstract syntax of a text for `emit --certify`; raises `NotExpressible`."""
-        raise NotExpressible(f"{self.language} has no formal syntax in the proofs", backend=self.name)
+        raise NotExpressible(unwritten(f"{self.language} has no formal syntax in the proofs"), backend=self.name)
 
     def observed(
         self,

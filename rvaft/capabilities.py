@@ -26,10 +26,10 @@ from rvaft.core.property import (
     Within,
 )
 from rvaft.core.scenarios import resolutions
-from rvaft.errors import NotExpressible
+from rvaft.errors import Cause, NotExpressible, Reason, unwritten
 from rvaft.model import patterns
 from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, holds, time_points, variables, walk
-from rvaft.model.nodes import Assumption
+from rvaft.model.nodes import Assumption, ValueType
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, SomeItem
 from rvaft.model.verdict import Semantics
 
@@ -85,6 +85,11 @@ GATES: Final[frozenset[type[Part]]] = frozenset({Event, All, Sequence, One, AtLe
 Capability: TypeAlias = type[Part] | Operator | Feature | Value | Ties | type[Semantics]
 """The subject of a reason; `Semantics` stands for every missing semantics."""
 
+_OPEN: Final[Mapping[Ties, str]] = {
+    Ties.ALL_EVENTS: "the backend does not list the values that guards and types leave",
+    Ties.ANY: "the backend does not take this guard apart",
+}
+"""Why a tie is refused that tests of single events might replace."""
 _CONSTRUCTS: Final[Mapping[type[Part], str]] = {
     Event: "events",
     Times: "counted events (`times`)",
@@ -115,41 +120,44 @@ class Capabilities:
     ties: Ties
     semantics: frozenset[Semantics]
     passes: tuple[Pass, ...] = ()
-    reasons: Mapping[Capability, str] = field(default_factory=dict)
+    reasons: Mapping[Capability, Reason] = field(default_factory=dict)
     needs: Mapping[Capability, frozenset[Assumption]] = field(default_factory=dict)
     """Further capabilities, each with the assumptions without which it is refused."""
+    extensions: Mapping[Capability, str] = field(default_factory=dict)
+    """Capabilities that texts have by an extension of rvaft, which other programs of the language
+    do not read, each with the name of the extension."""
 
     @property
     def constructs(self) -> frozenset[type[Part]]:
         """The parts that a tree may have: those of `says`, and those that a pass removes."""
         return self.says.union(*(each.removes for each in self.passes))
 
-    def reason(self, lacking: Capability) -> str:
-        """Return the reason for a refusal."""
+    def reason(self, lacking: Capability) -> Reason:
+        """Return the reason for a refusal; what a backend only does not list says nothing of its language."""
         if lacking in self.reasons:
             return self.reasons[lacking]
         match lacking:
             case Operator():
-                return f"the language has no operator `{lacking.value}`"
+                return unwritten(f"the backend writes no operator `{lacking.value}`")
             case Feature() | Value():
-                return f"the language has no {lacking.value}"
+                return unwritten(f"the backend writes no {lacking.value}")
             case Ties():
-                return f"the language has {Ties.NONE.value}"
+                return unwritten(f"the backend writes {Ties.NONE.value}")
             case type() if lacking is Semantics:
-                return "the language does not support this semantics"
+                return unwritten("the backend does not write this semantics")
             case _:
-                return f"the language has no {described(lacking)}"
+                return unwritten(f"the backend writes no {described(lacking)}")
 
-    def unassumed(self, lacking: Capability, missing: Iterable[Assumption]) -> str:
+    def unassumed(self, lacking: Capability, missing: Iterable[Assumption]) -> Reason:
         """Return the refusal of a capability without the assumptions that it needs."""
         wanted = f"`assume {', '.join(one for one in Assumption if one in missing)};`"
         match lacking:
             case Operator():
-                return f"`{lacking.value}` needs {wanted}"
+                return unwritten(f"`{lacking.value}` needs {wanted}")
             case Feature() | Value() | Ties():
-                return f"{lacking.value} need {wanted}"
+                return unwritten(f"{lacking.value} need {wanted}")
             case type():
-                return f"{described(lacking)} need {wanted}"
+                return unwritten(f"{described(lacking)} need {wanted}")
             case _:
                 assert_never(lacking)
 
@@ -189,8 +197,19 @@ def check(
         reason = capabilities.unassumed(need, missing) if missing else capabilities.reason(need)
         raise NotExpressible(reason, nodes=[node for node in nodes if node])
     if capabilities.ties is Ties.NONE and (tie := _tied(prop, semantics)) is not None:
-        raise NotExpressible(f"{capabilities.reason(tie.lacking)}: {tie.by}", nodes=tie.nodes)
+        why = capabilities.reason(tie.lacking) if tie.endless else unwritten(_OPEN[tie.lacking])
+        raise NotExpressible(why.about(tie.by), nodes=tie.nodes)
     return frozenset(assumed)
+
+
+def extended(prop: Property, capabilities: Capabilities) -> tuple[str, ...]:
+    """Return the extensions of rvaft with which a language has the constructs of a property.
+
+    A variable in several events, or a guard over several, counts also where no scenario has both.
+    """
+    used: list[Capability] = [Feature.TIME_POINTS] if prop.timed else []
+    used += [Ties.ALL_EVENTS] if _binding(prop).ties else []
+    return tuple(dict.fromkeys(capabilities.extensions[one] for one in used if one in capabilities.extensions))
 
 
 def _needs(prop: Property, semantics: Semantics) -> Iterator[tuple[Capability, str]]:
@@ -249,11 +268,16 @@ def _values(pattern: Pattern) -> Iterator[Value]:
 
 
 class _Tie(NamedTuple):
-    """Events of one scenario with a common variable or guard."""
+    """Events of one scenario with a common variable or guard.
+
+    `endless` tells that no choice of finitely many tests of single events could replace the tie:
+    the values are not bounded by a type or by another guard.
+    """
 
     lacking: Ties
     by: str
     nodes: tuple[str, ...]
+    endless: bool
 
 
 def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
@@ -261,19 +285,13 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
 
     Under `scattered` a vote needs no more parts than its threshold.
     """
-    binding = {
-        part: set(patterns.rigid_variables(part.pattern)) for part in prop.parts if isinstance(part, Event | Times)
-    }
-    times = {event: 2 if isinstance(event, Times) and event.count > 1 else 1 for event in binding}
-    uses = Counter(name for event, names in binding.items() for name in names for _ in range(times[event]))
-    variables_of = {
-        part: [set(variables(conjunct)) for conjunct in conjuncts(part.guard)]
-        for part in prop.parts
-        if isinstance(part, Condition)
-    }
-    alone = all(any(names <= bound for bound in binding.values()) for found in variables_of.values() for names in found)
-    if alone and all(count == 1 for count in uses.values()):
+    binding, times, variables_of, ties = _binding(prop)
+    if not ties:
         return None
+    mentioned = [names for found in variables_of.values() for names in found]
+    unbounded = Assumption.TYPES not in prop.tree.assumes or not any(
+        ValueType.BOOLEAN in event.types for event in prop.tree.events.values()
+    )
     for kept in resolutions(prop, minimal=semantics is Semantics.SCATTERED):
         if any(isinstance(part, Condition) and _never_holds(part.guard) for part in kept):
             continue
@@ -282,14 +300,56 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
             for name in sorted(binding[part]):
                 having = [event for event in events if name in binding[event]]
                 if len(having) > 1 or times[part] > 1:
-                    return _Tie(Ties.ALL_EVENTS, f"variable {name}", _names(having))
+                    endless = unbounded and not any(name in names for names in mentioned)
+                    return _Tie(Ties.ALL_EVENTS, f"variable {name}", _names(having), endless)
         for condition in (part for part in kept if isinstance(part, Condition)):
-            for names in variables_of[condition]:
+            for conjunct, names in zip(conjuncts(condition.guard), variables_of[condition], strict=True):
                 if names and not any(names <= binding[event] for event in events):
                     having = [event for event in events if names & binding[event]]
                     nodes = dict.fromkeys((condition.source.node, *_names(having)))
-                    return _Tie(Ties.ANY, "a guard over several events", tuple(nodes))
+                    alone = sum(bool(names & others) for others in mentioned) == 1
+                    endless = unbounded and alone and _compares(conjunct)
+                    return _Tie(Ties.ANY, "a guard over several events", tuple(nodes), endless)
     return None
+
+
+class _Binding(NamedTuple):
+    """The variables of each event, its number of occurrences up to 2, and those of each conjunct.
+
+    `ties` tells that events of the property have a common variable or guard.
+    """
+
+    binding: Mapping[Event | Times, set[str]]
+    times: Mapping[Event | Times, int]
+    variables_of: Mapping[Condition, list[set[str]]]
+    ties: bool
+
+
+def _binding(prop: Property) -> _Binding:
+    binding = {
+        part: set(patterns.rigid_variables(part.pattern)) for part in prop.parts if isinstance(part, Event | Times)
+    }
+    times = {event: 2 if isinstance(event, Times) and event.count > 1 else 1 for event in binding}
+    uses = Counter(name for event, names in binding.items() for name in names for _ in range(times[event]))
+    variables_of = {
+        part: [
+            set(variables(conjunct)) - {point.name for point in time_points(conjunct)}
+            for conjunct in conjuncts(part.guard)
+        ]
+        for part in prop.parts
+        if isinstance(part, Condition)
+    }
+    alone = all(any(names <= bound for bound in binding.values()) for found in variables_of.values() for names in found)
+    return _Binding(binding, times, variables_of, not alone or any(count > 1 for count in uses.values()))
+
+
+def _compares(guard: Guard) -> bool:
+    """Whether a guard compares two different variables."""
+    return (
+        isinstance(guard, Operation)
+        and guard.operator in COMPARING - {Operator.IN}
+        and len({part.name for part in guard.operands if isinstance(part, patterns.Variable)}) == 2
+    )
 
 
 def _never_holds(guard: Guard) -> bool:
@@ -303,34 +363,49 @@ def _names(events: Iterable[Event | Times]) -> tuple[str, ...]:
 def table(languages: Mapping[str, Capabilities]) -> list[tuple[str, ...]]:
     """Return the table of capabilities by language; operators with equal support share a row.
 
+    A cell is `yes`, the assumption or the extension of rvaft that is needed, `no` where the
+    language cannot, or `-` where rvaft does not write it.
+
     >>> one = Capabilities(frozenset({Event}), frozenset(), frozenset(), frozenset(), Ties.NONE, frozenset())
     >>> table({"mine": one})[:2], table({"mine": one})[5]
     ([('', 'mine'), ('semantics strict', '-')], ('events', 'yes'))
     """
     rows = [("", *languages)]
 
-    def add(title: str, cells: Iterable[bool | str]) -> None:
-        rows.append((title, *("yes" if cell is True else f"assume {cell}" if cell else "-" for cell in cells)))
+    def add(title: str, cells: Iterable[str]) -> None:
+        rows.append((title, *cells))
 
-    def supported(language: Capabilities, capability: Capability, listed: Iterable[Capability]) -> bool | str:
-        assumed = ", ".join(one for one in Assumption if one in language.needs.get(capability, ()))
-        return capability in listed or assumed
+    def supported(language: Capabilities, capability: Capability, *, listed: bool) -> str:
+        if listed:
+            return language.extensions.get(capability, "yes")
+        if capability in language.needs:
+            return f"assume {', '.join(one for one in Assumption if one in language.needs[capability])}"
+        cause = language.reason(capability).cause
+        match cause:
+            case Cause.LANGUAGE:
+                return "no"
+            case Cause.WRITER:
+                return "-"
+            case _:
+                assert_never(cause)
 
     each = languages.values()
     for semantics in Semantics:
-        add(f"semantics {semantics}", (semantics in language.semantics for language in each))
+        listed = (supported(one, Semantics, listed=semantics in one.semantics) for one in each)
+        add(f"semantics {semantics}", listed)
     for part in PARTS:
-        add(described(part), (supported(language, part, language.constructs) for language in each))
-    add("variables that all events share", (language.ties is not Ties.NONE for language in each))
-    add(Ties.ANY.value, (language.ties is Ties.ANY for language in each))
+        add(described(part), (supported(one, part, listed=part in one.constructs) for one in each))
+    for tie, title in ((Ties.ALL_EVENTS, "variables that all events share"), (Ties.ANY, Ties.ANY.value)):
+        add(title, (supported(one, tie, listed=one.ties in (tie, Ties.ANY)) for one in each))
     for feature in Feature:
-        add(feature.value, (supported(language, feature, language.features) for language in each))
+        add(feature.value, (supported(one, feature, listed=feature in one.features) for one in each))
     for value in Value:
-        add(value.value, (supported(language, value, language.values) for language in each))
-    alike: dict[tuple[bool | str, ...], list[str]] = {}
+        add(value.value, (supported(one, value, listed=value in one.values) for one in each))
+    alike: dict[tuple[str, ...], list[str]] = {}
     for operator in Operator:
         word = "- x" if operator is Operator.NEGATE else operator.value
-        alike.setdefault(tuple(supported(language, operator, language.operators) for language in each), []).append(word)
+        cells = tuple(supported(one, operator, listed=operator in one.operators) for one in each)
+        alike.setdefault(cells, []).append(word)
     for cells, words in alike.items():
         add(f"operators {' '.join(words)}", cells)
     return rows

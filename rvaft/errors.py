@@ -4,9 +4,10 @@ attributes.
 
 import os
 from collections.abc import Iterable
+from enum import StrEnum
 from importlib import import_module
 from types import UnionType
-from typing import Any
+from typing import Any, NamedTuple, assert_never
 
 
 class RvaftError(Exception):
@@ -61,24 +62,71 @@ class TreeError(RvaftError, ValueError):
         super().__init__(f"{message} [{rule}]")
 
 
+class Cause(StrEnum):
+    """Why a tree has no text in a language."""
+
+    LANGUAGE = "the language cannot express it"
+    WRITER = "rvaft does not write it"
+
+
+class Reason(NamedTuple):
+    """A reason why a tree has no text in a language, with its cause."""
+
+    cause: Cause
+    text: str
+
+    def about(self, what: str) -> "Reason":
+        """Return the reason with what it is about."""
+        return self._replace(text=f"{self.text}: {what}")
+
+
+def cannot(text: str) -> Reason:
+    """Return a reason that no text of the language could avoid; the page of the language has the argument."""
+    return Reason(Cause.LANGUAGE, text)
+
+
+def unwritten(text: str) -> Reason:
+    """Return a reason that concerns what rvaft writes, and claims nothing about the language."""
+    return Reason(Cause.WRITER, text)
+
+
 class NotExpressible(RvaftError, ValueError):
-    """A backend cannot express this tree under this semantics.
+    """A backend has no text for this tree under this semantics.
 
     A writer gives the reason and the nodes; `Backend.translate` adds backend and semantics.
 
-    >>> print(NotExpressible("the paper does not say how", backend="rml-paper", semantics="scattered"))
-    rml-paper cannot express this tree under scattered: the paper does not say how
+    >>> print(NotExpressible(unwritten("the paper does not say how"), backend="rml-paper", semantics="scattered"))
+    rvaft does not write this tree in rml-paper under scattered: the paper does not say how
+    >>> print(NotExpressible(cannot("STIX has no null"), backend="stix", semantics="scattered", nodes=["a"]))
+    stix cannot express this tree under scattered: STIX has no null (at a)
     """
 
-    def __init__(self, reason: str, *, backend: str = "", semantics: str = "", nodes: Iterable[str] = ()) -> None:
-        self.reason = reason
+    def __init__(self, why: Reason, *, backend: str = "", semantics: str = "", nodes: Iterable[str] = ()) -> None:
+        expect("the reason of a refusal", why, Reason, "cannot(…) or unwritten(…) of rvaft.errors")
+        self.why = why
         self.backend = backend
         self.semantics = semantics
         self.nodes = tuple(nodes)
         at = f" (at {', '.join(self.nodes)})" if self.nodes else ""
-        who = f"{backend} cannot express this tree" if backend else "the tree cannot be expressed"
+        match why.cause:
+            case Cause.LANGUAGE:
+                who = f"{backend} cannot express this tree" if backend else "the tree cannot be expressed"
+            case Cause.WRITER:
+                who = f"rvaft does not write this tree in {backend}" if backend else "the tree is not written"
+            case _:
+                assert_never(why.cause)
         under = f" under {semantics}" if semantics else ""
-        super().__init__(f"{who}{under}: {reason}{at}")
+        super().__init__(f"{who}{under}: {self.reason}{at}")
+
+    @property
+    def reason(self) -> str:
+        """The text of the reason."""
+        return self.why.text
+
+    @property
+    def cause(self) -> Cause:
+        """Whether the language or the writer is the cause."""
+        return self.why.cause
 
 
 class TooLarge(RvaftError, RuntimeError):

@@ -11,9 +11,9 @@ from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
 from backends.automaton.structure import Structure, structure
 from rvaft.backend import Backend, Observed, SpecificationText
-from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property
+from rvaft.core.property import Condition, Part, Property, Within
 from rvaft.core.residual import ResidualSpace
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Operator
@@ -51,6 +51,10 @@ class AutomatonBackend(Backend):
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM, Value.SOME_VARIABLE}
     ties: ClassVar[Ties] = Ties.ANY
+    extensions: ClassVar[Mapping[Capability, str]] = {
+        **dict.fromkeys((Ties.ALL_EVENTS, Ties.ANY), "slices"),
+        **dict.fromkeys((Feature.TIME_POINTS, Within), "time variables"),
+    }
     default_limit: ClassVar[int] = 100_000
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:

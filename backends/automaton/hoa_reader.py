@@ -20,7 +20,7 @@ from backends.automaton.hoa_writer import ALIVE, checksum
 from rvaft.backend import Observed
 from rvaft.core.classifier import Decided, PatternIndex
 from rvaft.core.times import timed
-from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, installed
+from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, installed, unwritten
 from rvaft.export.certificates import EventConditions
 from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
@@ -407,9 +407,9 @@ def formal(text: str) -> dict[str, Any]:
     spot, buddy = _tools()
     automaton, events = _parsed(spot, text), EventConditions(known.time)
     if not automaton.is_existential() or not automaton.prop_state_acc() or not automaton.acc().is_buchi():
-        raise NotExpressible("the text is no Büchi automaton with marks on states")
+        raise NotExpressible(unwritten("the text is no Büchi automaton with marks on states"))
     if ALIVE not in known.table.names:
-        raise NotExpressible(f"the text has no proposition {ALIVE}")
+        raise NotExpressible(unwritten(f"the text has no proposition {ALIVE}"))
     tests: dict[int, Json] = {}
     for number, name in enumerate(known.table.names):
         variable = automaton.register_ap(name)

@@ -19,6 +19,7 @@ from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends, simplify, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
+from rvaft.errors import Reason, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics
@@ -47,9 +48,9 @@ class CBackend(Backend):
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
     values: ClassVar[frozenset[Value]] = JSON_VALUES
     ties: ClassVar[Ties] = Ties.ANY
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Operator.LOWER: "`lower` needs the tables of Unicode, which the runtime does not have",
-        Value.SOME_ITEM: "the runtime reads list items at fixed places, and not any item",
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
+        Operator.LOWER: unwritten("`lower` needs the tables of Unicode, which the runtime does not have"),
+        Value.SOME_ITEM: unwritten("the runtime reads list items at fixed places, and not any item"),
     }
     default_limit: ClassVar[int] = 5_000
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar
@@ -49,7 +49,7 @@ def string(text: str) -> str:
     try:
         data = text.encode()
     except UnicodeEncodeError:
-        raise NotExpressible("a string with an unpaired surrogate never occurs in JSON Lines") from None
+        raise NotExpressible(unwritten("a string with an unpaired surrogate never occurs in JSON Lines")) from None
     plain = "".join(chr(c) if 32 <= c < 127 and chr(c) not in '"\\?' else f"\\{c:03o}" for c in data)
     return f'"{plain}", {len(data)}'
 
@@ -156,7 +156,7 @@ class EventFields:
                     found.append(f"(E({field}).tag == RVAFT_LIST && E({field}).integer == {len(items)})")
                     todo += [(inner, (*path, place)) for place, inner in reversed(list(enumerate(items)))]
                 case SomeItem():
-                    raise NotExpressible("a test of some item of a list needs a loop over the items")
+                    raise NotExpressible(unwritten("a test of some item of a list needs a loop over the items"))
         literals = [one for one in found if "ABSENT" not in one]
         return " && ".join([*literals, *(one for one in found if "ABSENT" in one)]) or "1", bound
 

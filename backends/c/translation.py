@@ -10,7 +10,7 @@ from backends.c.events import EventFields, Step, expression
 from backends.c.questions import comment
 from backends.c.stages import Load, Slot, StageTable, TableStage, Test, Transition, slot_of, stages_of
 from rvaft.core.property import Property
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern, Variable
@@ -69,7 +69,7 @@ def translation(prop: Property, semantics: Semantics, limit: int, key: Sequence[
     Raises `NotExpressible` and `TooLarge`.
     """
     if key and semantics is not Semantics.SCATTERED:
-        raise NotExpressible("a key of the events needs `scattered`")
+        raise NotExpressible(unwritten("a key of the events needs `scattered`"))
     found = stages_of(prop, semantics, limit)
     if not found.starts:  # no scenario is feasible: one that waits for nothing
         found = StageTable((*found.stages, TableStage((), 0, (), (), (), 1)), (len(found.stages),))
@@ -182,7 +182,7 @@ class _Writer:
     def _late(self) -> int | None:
         time = self._prop.time
         if time is not None and time.late is not None and time.late >= _LONG:
-            raise NotExpressible("a lateness of more than 62 bits")
+            raise NotExpressible(unwritten("a lateness of more than 62 bits"))
         return None if time is None else time.late
 
     def _title(self, moves: int, links: int) -> str:
@@ -323,7 +323,9 @@ class _Writer:
         self._fields.times.update({field} if only else ())
         match time.format:
             case TextFormat():
-                raise NotExpressible(f"the time format {time.format}: only numbers, iso8601, ros and filetime are read")
+                raise NotExpressible(
+                    unwritten(f"the time format {time.format}: only numbers, iso8601, ros and filetime are read")
+                )
             case TimeFormat.ISO8601:
                 return f"iso_time(&(e)->field[{field}], time)"
             case TimeFormat.FILETIME:

@@ -9,11 +9,12 @@ from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
 from backends.eql.reader import compiled, with_time
-from backends.eql.translation import EqlText
+from backends.eql.translation import NO_NULL, EqlText
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.errors import Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
@@ -58,12 +59,14 @@ class EqlBackend(Backend):
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN, Value.LIST})
     ties: ClassVar[Ties] = Ties.ALL_EVENTS
     relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT})
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "an EQL sequence cannot forbid events between its own",
-        Feature.TIME_POINTS: "the only condition on time in EQL is `maxspan`, over a whole sequence",
-        Value.NULL: "EQL does not distinguish a null field from a missing one",
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
+        Semantics: unwritten("sequences are written for `scattered`: they forbid no events between their own"),
+        Feature.TIME_POINTS: unwritten(
+            "`maxspan`, over a whole sequence, is the only condition on time that is written"
+        ),
+        Value.NULL: NO_NULL,
         **{
-            one: f"a condition of EQL compares a field with a constant; it has no exact `{one}`"
+            one: unwritten(f"a condition is written as a field and a constant, without `{one}`")
             for one in EVERY_OPERATOR
         },
     }

@@ -15,7 +15,7 @@ from backends.field_conditions import FieldConditions, FieldPath, Lack, naming
 from backends.orders import Orders, merged
 from rvaft.core.property import Event, Part, Property, Within
 from rvaft.core.scenarios import Scenario
-from rvaft.errors import NotExpressible, TooLarge
+from rvaft.errors import NotExpressible, Reason, TooLarge, cannot, unwritten
 from rvaft.model.assumptions import declared
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text
@@ -35,6 +35,7 @@ _TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|`[^`]*`|[\w.]+|[^\s\w]')
 _SPANS: Final = {"d": UNITS["d"], "h": UNITS["h"], "m": UNITS["min"], "s": UNITS["s"], "ms": UNITS["ms"]}
 _RUNS: Final = 100
 """Maximum of `with runs` in Elasticsearch."""
+NO_NULL: Final = cannot("EQL does not distinguish a null field from a missing one")
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,18 +102,24 @@ class EqlText:
             node = window.source.node
             below = reachable(cast(Part, window), scenario.kept.__getitem__)
             if sum(isinstance(one, Event) for one in below) < len(scenario.events):
-                raise NotExpressible("`maxspan` covers a whole sequence, not a part of it", nodes=[node])
+                raise NotExpressible(
+                    unwritten("`maxspan` covers a whole sequence, and is not written for a part of it"), nodes=[node]
+                )
             if len(scenario.events) == 1:
-                raise NotExpressible("a window over one event only requires that it has a time", nodes=[node])
+                raise NotExpressible(
+                    unwritten("a window over one event only requires that it has a time"), nodes=[node]
+                )
             if window.duration % UNITS["ms"]:
-                raise NotExpressible("a `maxspan` has whole milliseconds", nodes=[node])
+                raise NotExpressible(unwritten("a `maxspan` has whole milliseconds"), nodes=[node])
         return min((window.duration for window in found), default=None)
 
     def _items(self, scenario: Scenario) -> dict[Event, Item] | None:
         groups = self._orders.groups
         paths = {event: {} if event in groups else self._paths(event) for event in scenario.events}
-        several = "an EQL condition concerns one event"
-        guards = self._orders.assigned_guards(scenario, paths, lambda node, _: NotExpressible(several, nodes=[node]))
+        several = "a guard over several events, and conditions are written of one event"
+        guards = self._orders.assigned_guards(
+            scenario, paths, lambda node, _: NotExpressible(unwritten(several), nodes=[node])
+        )
         if guards is None:
             return None
         holders = Counter(chain.from_iterable(paths.values()))
@@ -120,7 +127,9 @@ class EqlText:
         for variable in shared:
             if holders[variable] < len(paths):
                 having = dict.fromkeys(event.source.node for event in paths if variable in paths[event])
-                raise NotExpressible(f"`by` joins all events of a sequence, and some lack {variable}", nodes=having)
+                raise NotExpressible(
+                    unwritten(f"`by` joins all events of a sequence, and some lack {variable}"), nodes=having
+                )
         span = self._span(scenario)
         return {
             event: Item(self._conditions(event, guards[event]), tuple(paths[event][one] for one in shared), span)
@@ -157,14 +166,16 @@ class EqlConditions(FieldConditions):
     }
     denied = '(not {t} and stringContains({p}, ""))'
     plainly_differs, plainly_denied = "{p} != {v}", "not {t}"
-    reasons: ClassVar[Mapping[Lack, str]] = {
-        Lack.TWO_FIELDS: "EQL cannot compare two fields",
-        Lack.CONTAINER: "EQL does not distinguish an empty object from an empty list",
-        Lack.CALCULATION: "a condition of EQL compares a field with a constant",
-        Lack.NULL: "EQL does not distinguish a null field from a missing one",
-        Lack.SURROGATE: "an EQL string cannot contain half of a surrogate pair",
-        Lack.TEXT_FUNCTION: "EQL has `like` for a prefix, a suffix or a part of a text alone: `a*`, `*a`, `*a*`",
-        Lack.FIELD_NAME: "an EQL field name needs a character, and cannot contain a line break or `",
+    reasons: ClassVar[Mapping[Lack, Reason]] = {
+        Lack.TWO_FIELDS: unwritten("a condition is written as a field and a constant, not as two fields"),
+        Lack.CONTAINER: unwritten("EQL does not distinguish an empty object from an empty list"),
+        Lack.CALCULATION: unwritten("a condition is written as a field and a constant"),
+        Lack.NULL: NO_NULL,
+        Lack.SURROGATE: unwritten("an EQL string cannot contain half of a surrogate pair"),
+        Lack.TEXT_FUNCTION: unwritten(
+            "`like` is written for a prefix, a suffix or a part of a text alone: `a*`, `*a`, `*a*`"
+        ),
+        Lack.FIELD_NAME: unwritten("an EQL field name needs a character, and cannot contain a line break or `"),
     }
 
     def __init__(self, spend: Callable[[int], None]) -> None:

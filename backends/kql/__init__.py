@@ -13,7 +13,7 @@ from rvaft.backend import Backend, Match, SpecificationText
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
-from rvaft.errors import OptionError
+from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
@@ -53,13 +53,13 @@ class KqlBackend(Backend):
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
     ties: ClassVar[Ties] = Ties.ANY
     relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.EXACT})
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "a join skips the events between its own: use --semantics scattered",
-        Value.NULL: "a column does not distinguish null from an absent field",
-        Value.LIST: "a column holds no list",
-        **{one: f"KQL has no exact `{one}`" for one in EVERY_OPERATOR},
-        _O.MUL: "an integer product may exceed the 64 bits of KQL",
-        _O.DIV: "KQL divides integers without a fraction, and by zero without an error",
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
+        Semantics: unwritten("a join skips the events between its own: use --semantics scattered"),
+        Value.NULL: unwritten("a column does not distinguish null from an absent field"),
+        Value.LIST: unwritten("a column holds no list"),
+        **{one: unwritten(f"KQL has no exact `{one}`") for one in EVERY_OPERATOR},
+        _O.MUL: unwritten("an integer product may exceed the 64 bits of KQL"),
+        _O.DIV: unwritten("KQL divides integers without a fraction, and by zero without an error"),
     }
     default_limit: ClassVar[int] = 500
 

@@ -23,7 +23,7 @@ from backends.tables import Path, Table, TableHeader, column_types, time_line
 from rvaft.backend import Metrics
 from rvaft.core.property import AtLeast, Event, Property, chooses
 from rvaft.core.times import Extreme, differences, untimed
-from rvaft.errors import NotExpressible, TreeError
+from rvaft.errors import NotExpressible, TreeError, unwritten
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import UNITS
 from rvaft.model.guards import COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, value, variables
@@ -82,7 +82,7 @@ def identifier(name: str) -> str:
     if _PLAIN.fullmatch(name):
         return name
     if not _NAME.fullmatch(name) or name.startswith("__") or name.endswith("__"):
-        raise NotExpressible(f"{json.dumps(name)} is no name in KQL: name another column with --columns")
+        raise NotExpressible(unwritten(f"{json.dumps(name)} is no name in KQL: name another column with --columns"))
     return f"['{name}']"
 
 
@@ -90,7 +90,7 @@ def text_literal(text: str) -> str:
     """Return a string in KQL; raises `NotExpressible` for characters without an escape."""
     escapes = {"\\": "\\\\", '"': '\\"', "\n": "\\n", "\r": "\\r", "\t": "\\t"}
     if has_surrogate(text) or re.search("[\0-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u2028\u2029]", text):
-        raise NotExpressible(f"KQL has no escape for a character of {json.dumps(text)}")
+        raise NotExpressible(unwritten(f"KQL has no escape for a character of {json.dumps(text)}"))
     return f'"{"".join(escapes.get(one, one) for one in text)}"'
 
 
@@ -105,7 +105,9 @@ class KqlQuery:
         kind = table.kind or (str(prop.time.format) if prop.time is not None and units else "timestamp")
         self.header = TableHeader.of(table, prop, self.types, kind)
         if self.header.time and kind == "double":
-            raise NotExpressible("KQL rounds times in seconds: use a column of datetime, as in --time t:timestamp")
+            raise NotExpressible(
+                unwritten("KQL rounds times in seconds: use a column of datetime, as in --time t:timestamp")
+            )
         self.columns = {column.path: identifier(column.name) for column in self.header.columns}
         self.scenarios = joined_scenarios(JoinedScenario, prop, limit, most=EVENTS)
         if not self.scenarios:
@@ -175,7 +177,9 @@ class KqlQuery:
     def _literal_test(self, path: Path, literal: Literal) -> str:
         column = self.columns[path]
         if literal.value == "":
-            raise NotExpressible(f"KQL does not distinguish an empty text from an absent one, as in {column}")
+            raise NotExpressible(
+                unwritten(f"KQL does not distinguish an empty text from an absent one, as in {column}")
+            )
         return f"{column} == {self._mixed(self._variable(path, column), self._literal(literal.value))[1]}"
 
     def _column(self, variable: str, event: Event) -> str:
@@ -235,7 +239,9 @@ class KqlQuery:
             return ValueType.TIME
         found = {self.types[variable_paths(event.pattern)[variable]] for event in one.binders[variable]}
         if len(found) > 1 and not found <= _NUMBERS:
-            raise NotExpressible(f"variable {variable} is of two types: columns of two types are not compared")
+            raise NotExpressible(
+                unwritten(f"variable {variable} is of two types: columns of two types are not compared")
+            )
         return ValueType.NUMBER if len(found) > 1 else next(iter(found))
 
     def _conditions(self, one: JoinedScenario) -> Iterator[_Condition]:
@@ -284,12 +290,16 @@ class KqlQuery:
         """Yield a guard on times as bounds of pairs of times."""
         bounds = differences(guard) if set(variables(guard)) <= one.times.keys() else None
         if bounds is None:
-            raise NotExpressible("in KQL a guard on times is a comparison of two times, without `or` and `!=`")
+            raise NotExpressible(
+                unwritten("in KQL a guard on times is a comparison of two times, without `or` and `!=`")
+            )
         found: dict[tuple[Event, Event], int] = {}
         for plus, minus, most in bounds:
             wrong = {Operator.MIN: plus, Operator.MAX: minus}
             if any(len(side.names) > 1 and side.operator is extreme for extreme, side in wrong.items()):
-                raise NotExpressible("KQL cannot bound the first of several times from above, or the last from below")
+                raise NotExpressible(
+                    unwritten("KQL cannot bound the first of several times from above, or the last from below")
+                )
             for pair in self._pairs(one, plus, minus, most):
                 found[pair] = min(most, found.get(pair, most))
         for (later, sooner), most in found.items():
@@ -327,7 +337,7 @@ class KqlQuery:
     def _truth(self, guard: Guard, terms: Mapping[str, _Term]) -> str:
         found = self._term(guard, terms)
         if found.type is not ValueType.BOOLEAN:
-            raise NotExpressible(f"a condition in KQL is a Boolean, not {found.type}")
+            raise NotExpressible(unwritten(f"a condition in KQL is a Boolean, not {found.type}"))
         return found.text
 
     def _term(self, guard: Guard, terms: Mapping[str, _Term]) -> _Term:
@@ -338,7 +348,7 @@ class KqlQuery:
                 return terms[name]
             case Operation() if not variables(guard):
                 if (constant := value(guard, {})) is UNDEFINED:
-                    raise NotExpressible("a part of a guard is undefined")
+                    raise NotExpressible(unwritten("a part of a guard is undefined"))
                 return self._literal(constant)
             case Operation(Operator.AND | Operator.OR as word, parts):
                 found = f" {word.value} ".join(self._truth(part, terms) for part in parts)
@@ -364,13 +374,15 @@ class KqlQuery:
             case Operation(operator, parts) if operator not in _TESTS:
                 return self._calculated(operator, [self._term(part, terms) for part in parts])
             case Operation(operator):
-                raise NotExpressible(f"`{operator.value}` needs a text that is not empty as its second operand")
-        raise NotExpressible("KQL has no such guard")
+                raise NotExpressible(
+                    unwritten(f"`{operator.value}` needs a text that is not empty as its second operand")
+                )
+        raise NotExpressible(unwritten("KQL has no such guard"))
 
     def _text(self, part: Guard, terms: Mapping[str, _Term]) -> str:
         found = self._term(part, terms)
         if found.type is not ValueType.TEXT:
-            raise NotExpressible(f"KQL tests the characters of a text, not of {found.type}")
+            raise NotExpressible(unwritten(f"KQL tests the characters of a text, not of {found.type}"))
         return found.text
 
     def _variable(self, path: Path, column: str) -> _Term:
@@ -388,30 +400,30 @@ class KqlQuery:
                 return _Term(ValueType.INTEGER, str(int(constant)), int(abs(constant)), constant=True)
             case float() if abs(constant) < 2**63:
                 return _Term(ValueType.NUMBER, f"{Decimal(repr(constant)):f}", constant=True)
-        raise NotExpressible(f"{constant} is no number of 64 bits")
+        raise NotExpressible(unwritten(f"{constant} is no number of 64 bits"))
 
     @staticmethod
     def _mixed(left: _Term, right: _Term) -> tuple[str, str]:
         """Return two terms that KQL compares exactly: it converts an integer beside a double."""
         if left.type is not right.type:
             if {left.type, right.type} != _NUMBERS:
-                raise NotExpressible(f"KQL does not compare {left.type} with {right.type}")
+                raise NotExpressible(unwritten(f"KQL does not compare {left.type} with {right.type}"))
             whole, other = (left, right) if left.type is ValueType.INTEGER else (right, left)
             if whole.most > _EXACT and not other.constant:
-                raise NotExpressible("KQL rounds integers that it compares with doubles: `assume exact;`")
+                raise NotExpressible(unwritten("KQL rounds integers that it compares with doubles: `assume exact;`"))
         return left.text, right.text
 
     def _compared(self, left: _Term, operator: Operator, right: _Term) -> str:
         a, b = self._mixed(left, right)
         if operator not in (Operator.EQ, Operator.NE) and left.type not in _NUMBERS:
-            raise NotExpressible(f"KQL does not order values of type {left.type}")
+            raise NotExpressible(unwritten(f"KQL does not order values of type {left.type}"))
         return f"{a} {operator.value} {b}"
 
     @staticmethod
     def _calculated(operator: Operator, terms: list[_Term]) -> _Term:
         """Return a calculation with integers that does not exceed 64 bits."""
         if any(term.type is not ValueType.INTEGER for term in terms):
-            raise NotExpressible(f"`{operator.value}` needs integers in KQL")
+            raise NotExpressible(unwritten(f"`{operator.value}` needs integers in KQL"))
         first, *others = [term.text for term in terms]
         most = sum(term.most for term in terms)
         match operator:
@@ -424,9 +436,9 @@ class KqlQuery:
             case Operator.MIN | Operator.MAX:
                 found, most = _several(f"{operator.value}_of", [first, *others]), max(term.most for term in terms)
             case _:
-                raise NotExpressible(f"KQL has no exact `{operator.value}`")
+                raise NotExpressible(unwritten(f"KQL has no exact `{operator.value}`"))
         if most >= 2**63 and operator not in (Operator.MIN, Operator.MAX):
-            raise NotExpressible(f"`{operator.value}` may exceed the 64 bits of KQL: `assume exact;`")
+            raise NotExpressible(unwritten(f"`{operator.value}` may exceed the 64 bits of KQL: `assume exact;`"))
         return _Term(ValueType.INTEGER, found, most)
 
 

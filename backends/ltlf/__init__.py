@@ -11,9 +11,9 @@ from backends.ltlf.mona import MonaMonitor
 from backends.ltlf.monitor import LtlfMonitor, formal, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
-from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property
+from rvaft.core.property import Condition, Part, Property, Within
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics
@@ -46,6 +46,10 @@ class LtlfBackend(Backend):
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM, Value.SOME_VARIABLE}
     ties: ClassVar[Ties] = Ties.ANY
+    extensions: ClassVar[Mapping[Capability, str]] = {
+        **dict.fromkeys((Ties.ALL_EVENTS, Ties.ANY), "slices"),
+        **dict.fromkeys((Feature.TIME_POINTS, Within), "time variables"),
+    }
     most_nodes: ClassVar[int] = 200_000
     default_limit: ClassVar[int] = 200_000
 

@@ -21,7 +21,7 @@ import networkx as nx
 from backends.ltlf.formulas import JUNCTIONS, Connective, Formulas
 from backends.ltlf.monitor import Atom, atoms_of
 from backends.ltlf.reader import Header, formula_of
-from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing, installed
+from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing, installed, unwritten
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -144,7 +144,7 @@ def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutom
     atoms = atoms_of(header, names, dict(given))
     if variables := sorted(frozenset[str]().union(*(atom.mentions for atom in atoms.values()))):
         reason = f"its automata have no variables ({', '.join(variables)})"
-        raise NotExpressible(reason, backend="ltlf-mona", semantics="any semantics")
+        raise NotExpressible(unwritten(reason), backend="ltlf-mona", semantics="any semantics")
     if len(names) > ATOMS:
         raise TooLarge(f"a formula with {len(names)} atoms for mona", limit=ATOMS)
     symbols = {name: f"p{number}" for number, name in enumerate(names)}  # ltlf2dfa writes symbols in upper case

@@ -15,7 +15,7 @@ from rvaft.backend import Metrics
 from rvaft.core.conditions import TruthCondition, TruthConditions, Unsayable
 from rvaft.core.property import Event, Property
 from rvaft.core.scenarios import Scenario
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Variable, rigid_variables
 from rvaft.model.verdict import Semantics
@@ -92,7 +92,7 @@ class RowPatternQueries:
             yield
         except Unsayable as error:
             reason = f"a guard over several events: {error}"
-            raise NotExpressible(reason, nodes=[node]) from None
+            raise NotExpressible(unwritten(reason), nodes=[node]) from None
 
     def _conditions(
         self,

@@ -21,7 +21,7 @@ __all__ = ["MfotlBackend"]
 
 
 class MfotlBackend(Backend):
-    """A closed formula of past MFOTL, true from the detection on: every tree under `scattered`.
+    """A closed formula of past MFOTL, true from the detection on, under every semantics.
 
     A cross-check runs it with `rvaft cross-check --monpoly PATH`; there is no reader.
 
@@ -41,7 +41,7 @@ class MfotlBackend(Backend):
     readable: ClassVar[bool] = False
     json_alone: ClassVar[bool] = True
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
-    semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
@@ -50,9 +50,9 @@ class MfotlBackend(Backend):
     ties: ClassVar[Ties] = Ties.ANY
     default_limit: ClassVar[int] = 5_000
 
-    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the formula; raises `NotExpressible` for calculations that doubles distort."""
-        return SpecificationText(*MfotlFormula(prop, limit).text())
+        return SpecificationText(*MfotlFormula(prop, semantics, limit).text())
 
     @staticmethod
     def signature(text: str) -> str:

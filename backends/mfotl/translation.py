@@ -1,8 +1,12 @@
-"""Properties to MFOTL formulas: a disjunction of scenarios, each a relation of event positions."""
+"""Properties to MFOTL formulas: a disjunction of scenarios, each a relation of event positions.
+
+Under `projected` and `consecutive` each order of a scenario is a chain instead: each event of a
+match is the last relevant one before the next.
+"""
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from itertools import chain, count
 from typing import Final
 
@@ -15,9 +19,10 @@ from rvaft.core.conditions import Unsayable
 from rvaft.core.patterns import overlaps
 from rvaft.core.property import Event, Property
 from rvaft.core.scenarios import Scenario
-from rvaft.errors import NotExpressible, TooLarge
+from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
+from rvaft.model.verdict import Semantics
 
 _ILLEGAL: Final = re.compile(r"[^a-z0-9_]+")
 _TOKEN: Final = re.compile(r'"[^"]*"|\w+(?:\.\d+)?|[^\s\w]')
@@ -45,14 +50,26 @@ class MfotlFormula:
     scenario.
     """
 
-    def __init__(self, prop: Property, limit: int) -> None:
-        self._limit, self._size = limit, 0
-        self._orders = Orders(prop, limit=limit, grouped=False)
+    def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
+        self._semantics, self._limit, self._size = semantics, limit, 0
+        self._orders = Orders(prop, limit=limit, grouped=False, minimal=semantics is Semantics.SCATTERED)
         self._header = MfotlHeader(time=prop.time)
         self._times = time_variables(prop)
         self._names: dict[Guard, str] = {}
         self._predicates: dict[tuple[FittingEvent, tuple[Column, ...]], str] = {}
         self._taken = {*_RESERVED}
+        self._relevant, self._ignored = (
+            self._some(word, [FittingEvent(one.pattern, (one.when,) if one.when else ()) for one in some])
+            for word, some in (("relevant", prop.alphabet), ("ignored", prop.ignored))
+        )
+
+    def _some(self, word: str, events: Sequence[FittingEvent]) -> str:
+        """Return the formula that the event is one of these, or "" if none could be."""
+        if not events or not self._semantics.projects:
+            return ""
+        name = self._fresh(word)
+        self._header.fitting[name] = [*dict.fromkeys(events)]
+        return f"(EXISTS i. {name}(i))"
 
     def text(self) -> tuple[str, Metrics]:
         """Return the text and its metrics."""
@@ -74,7 +91,7 @@ class MfotlFormula:
                 ways.append(conditions.ways(guard))
             except Unsayable as error:
                 reason = f"a guard over several events: {error}"
-                return NotExpressible(reason, nodes=[node])
+                return NotExpressible(unwritten(reason), nodes=[node])
             return None
 
         own = self._orders.assigned_guards(scenario, bound, several)
@@ -88,20 +105,46 @@ class MfotlFormula:
             name: tuple(one for one in arguments if bound[name].issuperset(variables(one[0]))) for name in events
         }
         atoms = [self._atom(name, tuple(own[name]), columns[name], places[name]) for name in events]
+        bound_names = [*map(self._column, arguments), *places.values()]
+        if self._semantics.projects:
+            letters = {name: (name, scenario.conditions) for name in events}
+            for word in self._orders.words(scenario, letters):
+                numbers = [events.index(name) for name, _ in word]
+                for way in both(*ways):
+                    self._spend(len(word) + len(way))
+                    yield self._chain([atoms[number] for number in numbers], way, bound_names)
+            return
         orders: list[list[str]] = []
         for name in events:
             earlier = [one for one in events if name in after[one]]
             last = [one for one in earlier if after[one].isdisjoint(earlier)]
             orders.append([f"{places[one]} < {places[name]}" for one in last])
+            if self._semantics is Semantics.STRICT and not after[name]:
+                orders[-1].append(f"{places[name]} < {len(events)}")
         for number, name in enumerate(events):
             for other in events[:number]:
                 if name not in after[other] and overlaps(name.pattern, other.pattern):
                     orders[number].append(f"NOT ({places[other]} = {places[name]})")
         for way in both(*ways):
-            self._size += len(events) + sum(map(len, orders)) + len(way)
-            if self._size > self._limit:
-                raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
-            yield _conjunction(atoms, orders, way, [*map(self._column, arguments), *places.values()])
+            self._spend(len(events) + sum(map(len, orders)) + len(way))
+            yield _conjunction([f"(ONCE {atom})" for atom in atoms], orders, way, bound_names)
+
+    def _spend(self, size: int) -> None:
+        self._size += size
+        if self._size > self._limit:
+            raise TooLarge("atoms and comparisons of the formula", limit=self._limit)
+
+    def _chain(self, atoms: Sequence[str], way: Sequence[str], bound: Sequence[str]) -> str:
+        """Return the formula of consecutive relevant events, with an atom for each."""
+        counts = f"({self._relevant} AND (NOT {self._ignored}))" if self._ignored else self._relevant
+        own = [f"NOT {self._ignored}"] if self._ignored else []
+        begins = [f"NOT (PREVIOUS (ONCE {counts}))"] if self._semantics is Semantics.PROJECTED else []
+        orders = [[*own, *(begins if number == 0 else [])] for number in range(len(atoms))]
+
+        def joined(before: str, atom: str) -> str:
+            return f"({atom} AND (PREVIOUS ((NOT {counts}) SINCE {before})))"
+
+        return f"ONCE ({_conjunction(atoms, orders, way, bound, joined)})"
 
     def _atom(self, event: Event, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
         known = FittingEvent(event.pattern, guards), columns
@@ -109,7 +152,7 @@ class MfotlFormula:
             self._predicates[known] = name = self._fresh(event.source.node)
             self._header.fitting[name] = [known[0]]
             self._header.values[name] = {self._column(one): ValueColumn(one[1], one[0]) for one in columns}
-        return f"(ONCE {self._predicates[known]}({', '.join([*map(self._column, columns), place])}))"
+        return f"{self._predicates[known]}({', '.join([*map(self._column, columns), place])})"
 
     def _column(self, column: Column) -> str:
         term, aspect = column
@@ -130,11 +173,17 @@ def _free(name: str, taken: Collection[str]) -> str:
     return next(one for one in chain([name], (f"{name}_{number}" for number in count(2))) if one not in taken)
 
 
-def _conjunction(atoms: Sequence[str], orders: Sequence[list[str]], way: Sequence[str], bound: list[str]) -> str:
+def _conjunction(
+    atoms: Sequence[str],
+    orders: Sequence[list[str]],
+    way: Sequence[str],
+    bound: Sequence[str],
+    joined: Callable[[str, str], str] = "({} AND {})".format,
+) -> str:
     """Return the conjunction of atoms, with each comparison as soon as its arguments are bound."""
     formula, known, waiting, arguments = "", set[str](), list(way), frozenset(bound)
     for atom, order in zip(atoms, orders, strict=True):
-        formula = f"({formula} AND {atom})" if formula else atom
+        formula = joined(formula, atom) if formula else atom
         known |= set(_WORD.findall(atom))
         ready = [one for one in waiting if known.issuperset(arguments.intersection(_WORD.findall(one)))]
         waiting = [one for one in waiting if one not in ready]

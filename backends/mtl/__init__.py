@@ -8,11 +8,13 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 from backends.mtl.reader import compiled
-from backends.mtl.translation import symbols, translation
+from backends.mtl.translation import REELAY, WindowedFormula, symbols, translation
 from rvaft.backend import Backend, Metrics, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.errors import NotExpressible, Reason, cannot, unwritten
+from rvaft.model.expressions import time_text
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics, Verdict
@@ -21,31 +23,30 @@ from rvaft.monitors import DetectionMonitor
 __all__ = ["MtlBackend"]
 
 
-_UNTIMED: Final = "its discrete time counts events, and windows need clock times"
+_ONE_EVENT: Final = cannot("a proposition is about one event")
 
 
 class MtlCapabilities(Backend):
     """The capabilities of past MTL, for all its text forms."""
 
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
-    semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.NONE
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "a chain of `once` cannot forbid events between its own",
-        Within: _UNTIMED,
-        Feature.TIME_POINTS: _UNTIMED,
-        Ties.ALL_EVENTS: "a proposition is about one event",
-        Ties.ANY: "a proposition is about one event",
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
+        Within: unwritten("R2U2 counts steps, and windows are durations"),
+        Feature.TIME_POINTS: unwritten("windows (`within`) are the only condition on time that is written"),
+        Ties.ALL_EVENTS: _ONE_EVENT,
+        Ties.ANY: _ONE_EVENT,
     }
     default_limit: ClassVar[int] = 5_000
 
 
 class MtlBackend(MtlCapabilities):
-    """Past MTL: `scattered`, without variables over several events and without times.
+    """Past MTL, without variables over several events and without times.
 
     >>> from rvaft import loads
     >>> print(MtlBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")
@@ -63,12 +64,26 @@ class MtlBackend(MtlCapabilities):
     extra: ClassVar[str] = "mtl"
     modules: ClassVar[tuple[str, ...]] = ("reelay",)
 
-    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
+    def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the formula; raises `NotExpressible` for too long chains."""
-        chains = translation(prop, limit)
-        header = "".join(f"{name} := {definition}\n" for name, definition in chains.propositions.items())
-        formula = chains.reelay()
+        if prop.timed:
+            return self._windowed(prop, semantics, limit)
+        chains = translation(prop, semantics, limit)
+        header = "".join(f"{name} := {definition}\n" for name, definition in chains.definitions)
+        formula = chains.formula(REELAY)
         return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))
+
+    def _windowed(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
+        """Return the formula in dense time."""
+        windows = [part.source.node for part in prop.parts if isinstance(part, Within)]
+        if semantics is not Semantics.SCATTERED:
+            raise NotExpressible(unwritten("windows are written under `scattered` alone"), nodes=windows)
+        found = WindowedFormula(prop, limit)
+        assert prop.time is not None
+        lines = [f"{time_text(prop.time)}, bounds in {found.unit}"]
+        lines += [f"{name} := {definition}" for name, definition in found.definitions]
+        header = "\n".join(lines)
+        return SpecificationText(f"/* rvaft\n{header}\n*/\n{found.text}\n", Metrics(symbols(found.text)))
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> DetectionMonitor:
         """Return a monitor that runs Reelay; `atoms` defines propositions that the text does not
@@ -77,4 +92,5 @@ class MtlBackend(MtlCapabilities):
         Other propositions match the event of their name.
         """
         self.require()
-        return DetectionMonitor(compiled(text, tuple((atoms or {}).items())).first_detections)
+        program = compiled(text, tuple((atoms or {}).items()))
+        return DetectionMonitor(program.first_detections, program.left_open)

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import ClassVar, Final
 
 from backends.mtl import MtlBackend, MtlCapabilities
-from backends.mtl.reader import definitions
-from backends.mtl.translation import symbols, translation
+from backends.mtl.reader import definitions, fits
+from backends.mtl.translation import c2po, symbols, translation
 from rvaft.backend import Metrics, SpecificationText
-from rvaft.core.property import Property
+from rvaft.core.property import Part, Property, Within
 from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
@@ -51,13 +51,14 @@ class MtlR2u2Backend(MtlCapabilities):
     faithful: ClassVar[bool] = False
     form_of: ClassVar[str] = MtlBackend.name
     readable: ClassVar[bool] = False
+    says: ClassVar[frozenset[type[Part]]] = MtlCapabilities.says - {Within}
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the file for C2PO."""
         mtl = MtlBackend()
-        chains = translation(prop, limit)
-        formula = chains.c2po(HORIZON)
-        header = "".join(f"-- {name} := {definition}\n" for name, definition in chains.propositions.items())
+        chains = translation(prop, semantics, limit)
+        formula = chains.formula(c2po(HORIZON))
+        header = "".join(f"-- {name} := {definition}\n" for name, definition in chains.definitions)
         text = (
             "-- rvaft: the first time that the formula holds is the detection; "
             f"it misses what comes after {HORIZON + 1} events\n{header}"
@@ -91,7 +92,7 @@ def first_detections(
         signals.write_text("".join(f"{name}:{number}\n" for number, name in enumerate(propositions)), encoding="utf-8")
         _output(timeout, "C2PO", sys.executable, compiler, "--spec", formula, "--map", signals, "-o", binary)
         for trace in traces:
-            values = (",".join(str(int(one.fits(event))) for one in propositions.values()) for event in trace)
+            values = (",".join(str(int(fits(one, event))) for one in propositions.values()) for event in trace)
             rows.write_text("".join(f"{row}\n" for row in (f"# {','.join(propositions)}", *values)), encoding="utf-8")
             verdicts = _VERDICT.findall(_output(timeout, "R2U2", program.resolve(), binary, rows)) if trace else []
             ends = [0, *(int(number) + 1 for number, _ in verdicts)]

@@ -1,16 +1,26 @@
 """Texts of past MTL, run by Reelay: a comment that defines propositions, then a formula.
 
     /* rvaft
+    time FIELD as FORMAT, bounds in UNIT
     NAME := PATTERN when GUARD when GUARD
     */
+
+Several lines for one name are alternatives. Without a `time` line, time is discrete: bounds count
+events. With it, time is dense: bounds are durations, and an event without a time has no distance
+from others. Each event is then a pulse. The distances of pulses are the durations between events in
+multiples of their common divisor, doubled for the events with equal times.
 
 Reelay ends the whole process on malformed or too deep formulas, so it receives formulas that are
 parsed here. Propositions are evaluated here per event and passed as Booleans.
 """
 
 import re
+from bisect import bisect_right
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
+from itertools import pairwise
+from math import gcd
 from threading import Lock
 from typing import Any, Final
 
@@ -19,16 +29,20 @@ from lark.exceptions import UnexpectedInput
 from lark.visitors import Transformer_NonRecursive
 
 from rvaft.backend import Observed
-from rvaft.errors import LanguageError, TooLarge, installed
+from rvaft.errors import LanguageError, TooLarge, TraceError, installed
 from rvaft.language.diagnostics import error_at
-from rvaft.language.parser import parse_guard, parse_pattern
+from rvaft.language.parser import parse_guard, parse_pattern, parse_time
+from rvaft.model.event_time import UNITS, EventTime
 from rvaft.model.guards import Operation, Operator
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern
 from rvaft.model.values import Json
 
 _DEEPEST: Final = 1_000
 _FILE: Final = "<mtl>"
+_EXACT: Final = 2**52
 _GO: Final = "{go: true}"
+_KNOWN: Final = "{known: true}"
+_TIME: Final = re.compile(r"(time .*\S), bounds in (ns|us|ms|s)")
 _HEADER: Final = re.compile(r"(?:\s*/\*(?! rvaft\n).*?\*/)*\s*/\* rvaft\n(.*?)\*/", re.DOTALL)
 _LINE: Final = re.compile(r"(\w+) := (.*\S)")
 _WHEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|(?<!\w)(when)(?!\w)')
@@ -96,10 +110,44 @@ class _Written(Transformer_NonRecursive[Token, tuple[str, int]]):
         return f"({' and '.join(text for text, _ in parts)})", 1 + max(depth for _, depth in parts)
 
 
+class _Dense(_Written):
+    """The formula for Reelay in dense time, in which all operators look at events only.
+
+    A bound of `unit` ns is `unit / common * 2 * apart` in Reelay, where `apart` is more than the
+    number of events with one time. `known` is true for events with a time.
+    """
+
+    def __init__(self, unit: int, common: int, apart: int) -> None:
+        super().__init__()
+        self._unit, self._common, self._apart = unit, common, apart
+        self.bounds_found: list[int] = []
+
+    def _length(self, bound: int) -> int:
+        return bound * self._unit // self._common * 2 * self._apart
+
+    def bounds(self, parts: list[Any]) -> tuple[str, int]:
+        low, high = (None if one is None else int(one) for one in parts)
+        self.bounds_found += [one for one in (low, high) if one is not None]
+        begin = max(0, self._length(low or 0) - self._apart)
+        return f"[{begin}:{'' if high is None else self._length(high) + self._apart}]", 0
+
+    def pre(self, parts: list[Any]) -> tuple[str, int]:
+        now = f"({_GO} and {parts[0][0]})"
+        return f"(once[1:1]({now} or ((not {_GO}) since {now})))", parts[0][1] + 4
+
+    def since(self, parts: list[Any]) -> tuple[str, int]:
+        (left, one), *bounds, (right, other) = parts
+        within, known = "".join(text for text, _ in bounds), f"{_KNOWN} and " if bounds else ""
+        there = f"({_GO} and {known}{right})"
+        text = f"(((not {_GO}) or {left}) since{within} {there})"  # Reelay leaves out the present, unless `left` holds
+        text = f"({there} or {text})" if not bounds or within.startswith("[0:") else text
+        return f"({known}{text})", max(one, other) + 4
+
+
 class MtlProgram:
     """A compiled formula."""
 
-    def __init__(self, formula: str, atoms: Mapping[str, Observed]) -> None:
+    def __init__(self, formula: str, atoms: Mapping[str, Sequence[Observed]]) -> None:
         (self._monitor, self._lock), self._atoms = _monitor(formula), atoms
 
     def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
@@ -107,10 +155,14 @@ class MtlProgram:
         with self._lock:
             return [self._first(trace) for trace in traces]
 
+    def left_open(self, trace: Sequence[Json]) -> str:  # noqa: ARG002
+        """Return an empty string: every trace has a verdict."""
+        return ""
+
     def _first(self, trace: Sequence[Json]) -> int | None:
         self._monitor.update({"go": False, **dict.fromkeys(map(_called, self._atoms), False)})
         for number, event in enumerate(trace, 1):
-            values = {_called(name): atom.fits(event) for name, atom in self._atoms.items()}
+            values = {_called(name): fits(some, event) for name, some in self._atoms.items()}
             if self._monitor.update({"go": True, **values})["value"]:
                 return number
         return None
@@ -130,12 +182,87 @@ def _monitor(formula: str) -> tuple[Any, Lock]:
     return extension.discrete_monitor.make(formula, options), Lock()
 
 
+class DenseProgram:
+    """A formula in dense time."""
+
+    def __init__(self, formula: str, atoms: Mapping[str, Sequence[Observed]], time: EventTime, unit: int) -> None:
+        self._formula, self._atoms, self._time, self._unit = formula, atoms, time, unit
+        self._bounds = [one * unit for one in _densely(formula, unit, unit, 1)[1]]
+
+    def first_detections(self, traces: Sequence[Sequence[Json]]) -> list[int | None]:
+        """Return per trace the number of the first event at which the formula holds, or None.
+
+        Raises `TraceError` for a trace that `left_open` refuses.
+        """
+        return [self._first(trace) for trace in traces]
+
+    def _first(self, trace: Sequence[Json]) -> int | None:
+        if why := self.left_open(trace):
+            raise TraceError(why, line=None)
+        if not trace:
+            return None
+        places, common, apart = self._places(trace)
+        extension, options = _reelay()
+        formula = _densely(self._formula, self._unit, common, apart)[0]
+        monitor = extension.dense_monitor.make(formula, options)
+        off = {"go": False, "known": False, **dict.fromkeys(map(_called, self._atoms), False)}
+        found = [*monitor.update({"time": 0, **off})]  # Reelay does not read values at 0
+        for number, (event, place) in enumerate(zip(trace, places, strict=True)):
+            if number and place > places[number - 1] + 1:
+                found += monitor.update({"time": places[number - 1] + 1, **off})
+            values = {_called(name): fits(some, event) for name, some in self._atoms.items()}
+            known = self._time.read(event) is not None
+            found += monitor.update({"time": place, "go": True, "known": known, **values})
+        for end in (1, 2):
+            found += monitor.update({"time": places[-1] + end, **off})
+        first = next((one["time"] for one in found if one["value"]), None)
+        return None if first is None else bisect_right(places, first)
+
+    def left_open(self, trace: Sequence[Json]) -> str:
+        """Return why the trace has no verdict, or an empty string."""
+        times = [time for event in trace if (time := self._time.read(event)) is not None]
+        if any(later < earlier for earlier, later in pairwise(times)):
+            return "times go backwards"
+        if not trace:
+            return ""
+        places, common, apart = self._places(trace)
+        most = max([places[-1], *(one // common * 2 * apart + apart for one in self._bounds)])
+        return "the times are too many for the numbers of Reelay" if most >= _EXACT else ""
+
+    def _places(self, trace: Sequence[Json]) -> tuple[list[int], int, int]:
+        """Return the places of the events in Reelay's time, the common divisor of times and bounds in
+        nanoseconds, and half the place that it takes.
+        """
+        read = [self._time.read(event) for event in trace]
+        last = next((time for time in read if time is not None), 0)
+        begin, moments = last, list[int]()
+        for time in read:
+            last = last if time is None else time
+            moments.append(last - begin)
+        common = gcd(*moments, *self._bounds) or 1
+        most = max(Counter(moments).values())
+        apart = 1 << most.bit_length()
+        places, rank = list[int](), 0
+        for number, moment in enumerate(moments):
+            rank = rank + 1 if number and moment == moments[number - 1] else 0
+            places.append(moment // common * 2 * apart + rank + 1)
+        return places, common, apart
+
+
+@lru_cache(maxsize=128)
+def _densely(formula: str, unit: int, common: int, apart: int) -> tuple[str, tuple[int, ...]]:
+    """Return the formula for Reelay in dense time, and the bounds in it."""
+    writing = _Dense(unit, common, apart)
+    written, _ = writing.transform(_parser().parse(formula))
+    return f"{_GO} and {written}", tuple(writing.bounds_found)
+
+
 def _called(name: str) -> str:
     return f"p_{name}"
 
 
 @lru_cache(maxsize=32)
-def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram:
+def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram | DenseProgram:
     """Return the program of a text; raises `LanguageError`, `TooLarge`, `ToolMissing`."""
     header, defined = _HEADER.match(text), definitions(text)
     start = 0 if header is None else header.end()
@@ -148,18 +275,38 @@ def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram:
         raise TooLarge("nested operators", limit=_DEEPEST)
     known = dict(given)
     named = {name: Observed(known.get(name) or ObjectPattern((("event", Literal(name)),))) for name in writing.names}
-    return MtlProgram(formula, {name: defined.get(name, one) for name, one in named.items()})
+    atoms = {name: defined.get(name, (one,)) for name, one in named.items()}
+    time, unit = _time(text)
+    return MtlProgram(formula, atoms) if time is None else DenseProgram(text[start:], atoms, time, unit)
 
 
-def definitions(text: str) -> dict[str, Observed]:
-    """Return the patterns and guards of the propositions of a header; raises `LanguageError`."""
-    found: dict[str, Observed] = {}
+def _time(text: str) -> tuple[EventTime | None, int]:
+    """Return the time of events that a header declares, and the unit of bounds in nanoseconds."""
+    header = _HEADER.match(text)
+    if header is None or not (line := _TIME.match(header[1])):
+        return None, 1
+    try:
+        return parse_time(line[1], _FILE), UNITS[line[2]]
+    except LanguageError as error:
+        raise error_at(error.message, text, header.start(1), _FILE) from None
+
+
+def fits(alternatives: Sequence[Observed], event: Json) -> bool:
+    """Whether one of the alternative definitions of a proposition fits an event."""
+    return any(one.fits(event) for one in alternatives)
+
+
+def definitions(text: str) -> dict[str, tuple[Observed, ...]]:
+    """Return the alternative definitions of each proposition of a header; raises `LanguageError`."""
+    found: dict[str, tuple[Observed, ...]] = {}
     header = _HEADER.match(text)
     for line in re.finditer(r"[^\n]*\S", header[1]) if header else ():
         assert header is not None
+        if line.start() == 0 and _TIME.fullmatch(line[0]):
+            continue
         begin, content = header.start(1) + line.start(), _LINE.fullmatch(line[0])
-        if content is None or content[1] in found:
-            raise error_at("expected a header line NAME := PATTERN when GUARD, with each name once", text, begin, _FILE)
+        if content is None:
+            raise error_at("expected a header line NAME := PATTERN when GUARD", text, begin, _FILE)
         cuts = [when.span(1) for when in _WHEN.finditer(content[2]) if when[1]]
         ends = [*(cut[0] for cut in cuts), len(content[2])]
         try:
@@ -168,5 +315,5 @@ def definitions(text: str) -> dict[str, Observed]:
         except LanguageError as error:
             raise error_at(error.message, text, begin + content.start(2), _FILE) from None
         when = Operation(Operator.AND, tuple(several)) if len(several) > 1 else next(iter(several), None)
-        found[content[1]] = Observed(pattern, when)
+        found[content[1]] = (*found.get(content[1], ()), Observed(pattern, when))
     return found

@@ -1,55 +1,115 @@
 """Properties to past MTL: a disjunction of event orders, each a chain of earlier events."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import chain
-from typing import Final
+from itertools import chain, combinations, product
+from typing import Final, NoReturn, assert_never
 
+from backends.nests import NOTHING, WINDOW, Nest, Nesting
 from backends.orders import Orders, merged
-from rvaft.core.property import Event, Property
-from rvaft.core.scenarios import Scenario
-from rvaft.errors import NotExpressible
+from rvaft.core.part_numbers import PartKind
+from rvaft.core.patterns import overlaps
+from rvaft.core.property import Event, Property, Within
+from rvaft.core.scenarios import Scenario, most_events
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model import patterns
+from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.guards import Guard
+from rvaft.model.patterns import Pattern
+from rvaft.model.verdict import Semantics
 
 _STRING: Final = re.compile(r'"(?:[^"\\]|\\.)*"')
 _TOKEN: Final = re.compile(r"\w+|[^\s\w]")
 _DEEPEST: Final = 200
+_LONGEST: Final = 1_000_000_000
 _NEVER: Final = "never"
+_RELEVANT: Final = "relevant"
+_IGNORED: Final = "ignored"
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """The operators of past MTL in one syntax.
+
+    `before` is one event ago, `earlier` at any event ago, `since` the second formula at an event
+    from which on the first holds.
+    """
+
+    atom: str
+    either: str
+    both: str
+    negated: str
+    once: str
+    before: str
+    earlier: str
+    since: str
+
+
+REELAY: Final = Dialect(
+    "{{{}: true}}", " or ", " and ", "not {}", "once({})", "pre({})", "pre(once({}))", "({} since ({}))"
+)
+
+
+def c2po(horizon: int) -> Dialect:
+    """Return the syntax of C2PO, in which all operators have bounds."""
+    earlier = f"(true S[1,{horizon}] ({{}}))"
+    return Dialect("{}", " || ", " && ", "!{}", "{}", "(true S[1,1] ({}))", earlier, f"({{}} S[0,{horizon}] ({{}}))")
 
 
 @dataclass(frozen=True, slots=True)
 class Chains:
     """The event orders of a property as words; a letter is a choice of propositions."""
 
-    propositions: dict[str, str]
-    """The definition of each proposition, as `PATTERN when GUARD`."""
+    definitions: tuple[tuple[str, str], ...]
+    """The definitions of the propositions, as `PATTERN when GUARD`; those of one name are alternatives."""
     words: tuple[tuple[tuple[str, ...], ...], ...]
+    semantics: Semantics
 
-    def reelay(self) -> str:
-        """Return the formula for Reelay: the last event now or earlier, the others strictly before
-        it.
-        """
-        return self._formula("once({})", "{{{}: true}}", " or ", "{} and pre(once({}))")
+    @property
+    def propositions(self) -> tuple[str, ...]:
+        """The names of the propositions."""
+        return tuple(dict.fromkeys(name for name, _ in self.definitions))
 
-    def c2po(self, horizon: int) -> str:
-        """Return the formula for C2PO: as for Reelay, but with the last event now, and within
-        `horizon`.
-        """
-        return self._formula("{}", "{}", " || ", f"{{}} && (true S[1,{horizon}] ({{}}))")
+    def formula(self, dialect: Dialect) -> str:
+        """Return the formula; in `REELAY` it holds from the detection on, in C2PO at the detection."""
+        return dialect.either.join(dialect.once.format(self._chain(word, dialect)) for word in self.words)
 
-    def _formula(self, whole: str, atom: str, either: str, then: str) -> str:
-        formulas: list[str] = []
-        for word in self.words:
-            before = ""
-            for letter in word:
-                some = [atom.format(name) for name in letter]
-                now = some[0] if len(some) == 1 else f"({either.join(some)})"
-                before = then.format(now, before) if before else now
-            formulas.append(whole.format(before))
-        return either.join(formulas)
+    def _chain(self, word: Sequence[Sequence[str]], dialect: Dialect) -> str:
+        """Return the formula that the last event of a word is now, and the others are before it."""
+
+        def atom(name: str) -> str:
+            return dialect.atom.format(name)
+
+        def negated(part: str) -> str:
+            return dialect.negated.format(part)
+
+        def last_relevant(part: str) -> str:
+            return dialect.before.format(dialect.since.format(negated(counts), part))
+
+        names, found, first = self.propositions, "", ""
+        then: Callable[[str], str]
+        relevant, ignored = atom(_RELEVANT), negated(atom(_IGNORED)) if _IGNORED in names else ""
+        counts = f"({relevant}{dialect.both}{ignored})" if ignored else relevant
+        match self.semantics:
+            case Semantics.SCATTERED:
+                then = dialect.earlier.format
+            case Semantics.STRICT:
+                any_event = f"({atom(word[0][0])}{dialect.either}{negated(atom(word[0][0]))})"
+                first, then = negated(dialect.before.format(any_event)), dialect.before.format
+            case Semantics.PROJECTED:
+                first, then = negated(dialect.earlier.format(counts)), last_relevant
+            case Semantics.CONSECUTIVE:
+                then = last_relevant
+            case _:
+                assert_never(self.semantics)
+        for letter in word:
+            some = [atom(name) for name in letter]
+            now = some[0] if len(some) == 1 else f"({dialect.either.join(some)})"
+            before = then(found) if found else first
+            found = dialect.both.join(filter(None, (now, ignored, before)))
+        return found
 
 
 def symbols(formula: str) -> int:
@@ -57,22 +117,21 @@ def symbols(formula: str) -> int:
     return len(_TOKEN.findall(formula))
 
 
-def translation(prop: Property, limit: int) -> Chains:
+def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
     """Return the event orders of a property; if there are none, a proposition that never holds."""
-    orders = Orders(prop, limit=limit)
-
-    def question(event: Event, guards: Sequence[Guard]) -> str:
-        text = pattern_text(event.pattern) + "".join(f" when {guard_text(guard)}" for guard in dict.fromkeys(guards))
-        return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f"), text)
+    orders = Orders(prop, limit=limit, minimal=semantics is Semantics.SCATTERED)
 
     def letters(scenario: Scenario) -> dict[Event, tuple[str, ...]] | None:
         bound = {event: {*patterns.rigid_variables(event.pattern)} for event in scenario.events}
-        several = "a proposition is about one event, and a guard compares several"
-        guards = orders.assigned_guards(scenario, bound, lambda node, _: NotExpressible(several, nodes=[node]))
+        reason = unwritten("a proposition is about one event, and a guard compares several")
+        guards = orders.assigned_guards(scenario, bound, lambda node, _: NotExpressible(reason, nodes=[node]))
         if guards is None:
             return None
         leaves = {event: orders.groups.get(event, ((event, guards[event]),)) for event in scenario.events}
-        return {event: tuple(dict.fromkeys(question(*leaf) for leaf in some)) for event, some in leaves.items()}
+        return {
+            event: tuple(dict.fromkeys(_definition(one.pattern, its) for one, its in some))
+            for event, some in leaves.items()
+        }
 
     some = ((one, found) for one in orders.scenarios() if (found := letters(one)) is not None)
     words = merged(
@@ -80,12 +139,126 @@ def translation(prop: Property, limit: int) -> Chains:
         lambda several: tuple(dict.fromkeys(chain.from_iterable(several))),
     )
     if any(len(word) > _DEEPEST for word in words):
-        raise NotExpressible(f"Reelay aborts on formulas deeper than {_DEEPEST} events")
+        raise NotExpressible(unwritten(f"Reelay aborts on formulas deeper than {_DEEPEST} events"))
     if not words:
-        return Chains({_NEVER: "{ } when false"}, (((_NEVER,),),))
+        return Chains(((_NEVER, "{ } when false"),), (((_NEVER,),),), Semantics.SCATTERED)
     names = {
         one: f"p{number}"
         for number, one in enumerate(dict.fromkeys(chain.from_iterable(chain.from_iterable(words))), 1)
     }
     named = tuple(tuple(tuple(names[one] for one in letter) for letter in word) for word in words)
-    return Chains({name: one for one, name in names.items()}, named)
+    several = semantics is Semantics.PROJECTED or any(len(word) > 1 for word in words)
+    relevance = _relevance(prop, several=several) if semantics.projects else ()
+    return Chains((*((name, one) for one, name in names.items()), *relevance), named, semantics)
+
+
+def _relevance(prop: Property, *, several: bool) -> Iterator[tuple[str, str]]:
+    """Yield the definitions of the relevant events, if a match may have `several`, and the ignored ones."""
+    for name, some in ((_RELEVANT, prop.alphabet if several else ()), (_IGNORED, prop.ignored)):
+        for one in dict.fromkeys(_definition(each.pattern, [each.when] if each.when else []) for each in some):
+            yield name, one
+
+
+def _definition(pattern: Pattern, guards: Sequence[Guard]) -> str:
+    text = pattern_text(pattern) + "".join(f" when {guard_text(guard)}" for guard in dict.fromkeys(guards))
+    return _STRING.sub(lambda found: found[0].replace("*/", "*\\u002f"), text)
+
+
+class WindowedFormula:
+    """The formula of a property with windows under `scattered`, in dense time.
+
+    A part holds at its last event. No event may match two parts that are not in order, so the
+    others were earlier. Raises `NotExpressible` and `TooLarge`.
+    """
+
+    def __init__(self, prop: Property, limit: int) -> None:
+        most, windows = most_events(prop.parts), [part for part in prop.parts if isinstance(part, Within)]
+        if single := [window.source.node for window in windows if most[window] < 2]:
+            raise self._unwritten("a window over one event only requires that it has a time", single)
+        self.unit = next(one for one in ("s", "ms", "us", "ns") if not any(w.duration % UNITS[one] for w in windows))
+        if any(window.duration >= _LONGEST * UNITS[self.unit] for window in windows):
+            raise self._unwritten(f"a bound is less than {_LONGEST:,} {self.unit}", (w.source.node for w in windows))
+        self._names: dict[str, str] = {}
+        nest = Nesting(prop, self._refuse, limit=limit, unit="events in all parts").nest()
+        self.text = f"once({self._part(nest, '')})"
+        self.definitions = tuple((name, one) for one, name in self._names.items())
+
+    @staticmethod
+    def _unwritten(why: str, nodes: Iterable[str]) -> NotExpressible:
+        return NotExpressible(unwritten(why), nodes=dict.fromkeys(nodes))
+
+    def _refuse(self, why: str, nodes: Iterable[str]) -> NoReturn:
+        what = "a window over parts with common events" if why == WINDOW else "events with common variables or guards"
+        raise self._unwritten(f"{what} beside windows", nodes)
+
+    def _part(self, nest: Nest, before: str, within: int | None = None) -> str:
+        """Return the formula of a part after another, with all its events within a duration of the last."""
+        own = [one for one in (nest.within, within) if one is not None]
+        within = min(own, default=None)
+        if within is not None and nest.op in (PartKind.ALL, PartKind.SEQUENCE):
+            *others, last = nest.parts if nest.op is PartKind.SEQUENCE else (*nest.parts, NOTHING)
+            flat = others[0].parts if len(others) == 1 and others[0].op is PartKind.ALL else others
+            if (nest.op is PartKind.SEQUENCE and len(others) > 1) or not all(map(self._is_single, (*flat, last))):
+                raise self._unwritten("a window over events in order, which are not two", nest.nodes())
+            self._require_apart([*flat, last])
+            if nest.op is PartKind.SEQUENCE:
+                return " and ".join([self._part(last, ""), *(self._recent(one, before, within) for one in flat)])
+        match nest.op:
+            case PartKind.EVENT:
+                assert nest.event is not None
+                definition = _definition(nest.event.pattern, nest.guards)
+                letter = REELAY.atom.format(self._names.setdefault(definition, f"p{len(self._names) + 1}"))
+                known = [] if within is None else [f"once{self._bounds(within)}({letter})"]
+                return " and ".join([letter, *known, *([REELAY.earlier.format(before)] if before else [])])
+            case PartKind.SEQUENCE:
+                for one in nest.parts:
+                    before = self._part(one, before)
+                return before
+            case PartKind.ONE:
+                return self._either(self._part(one, before, within) for one in nest.parts)
+            case PartKind.AT_LEAST:
+                return self._part(nest.ways(), before, within)
+            case PartKind.ALL:
+                self._require_apart(nest.parts)
+                return self._either(
+                    " and ".join(
+                        [
+                            self._bracketed(self._part(last, before)),
+                            *(self._recent(one, before, within) for one in nest.parts if one is not last),
+                        ]
+                    )
+                    for last in nest.parts
+                )
+            case _:
+                raise AssertionError(nest.op)
+
+    def _recent(self, nest: Nest, before: str, within: int | None) -> str:
+        return f"once{'' if within is None else self._bounds(within)}({self._part(nest, before)})"
+
+    def _bounds(self, within: int) -> str:
+        return f"[0:{within // UNITS[self.unit]}]"
+
+    @staticmethod
+    def _bracketed(part: str) -> str:
+        return f"({part})"
+
+    @staticmethod
+    def _either(parts: Iterable[str]) -> str:
+        found = list(parts)
+        return found[0] if len(found) == 1 else f"({' or '.join(f'({one})' for one in found)})"
+
+    @staticmethod
+    def _is_single(nest: Nest) -> bool:
+        return (
+            nest.op is PartKind.EVENT
+            or (nest.op is PartKind.ONE and all(one.op is PartKind.EVENT for one in nest.parts))
+            or nest == NOTHING
+        )
+
+    def _require_apart(self, parts: Sequence[Nest]) -> None:
+        """Raise `NotExpressible` if one event can match two of the parts."""
+        for one, other in combinations(parts, 2):
+            for event, another in product(one.events(), other.events()):
+                if overlaps(event.pattern, another.pattern):
+                    nodes = (event.source.node, another.source.node)
+                    raise self._unwritten("windows beside events that one event can match", nodes)

@@ -8,6 +8,7 @@ from backends.rml.reader.event_types import observed
 from backends.rml.reader.monitor import formal, read
 from backends.rml.writer import translate
 from backends.rml.writer.terms import FUNCTIONS, KEYWORDS, TYPES, VALUES
+from backends.rml.writer.windows import without_windows
 from rvaft.backend import Backend, Highlighting, Metrics, Observed, SpecificationText
 from rvaft.capabilities import (
     CALCULATING,
@@ -24,7 +25,9 @@ from rvaft.capabilities import (
 )
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.errors import Reason, unwritten
 from rvaft.model.guards import Operator
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
@@ -48,9 +51,6 @@ HIGHLIGHTING: Final = Highlighting(
 """RML for the LaTeX package `listings`, without colours."""
 
 
-_UNTIMED: Final = "RML cannot convert strings and decimals to times"
-
-
 class RmlCapabilities(Backend):
     """The capabilities of RML, for all its text forms."""
 
@@ -60,10 +60,12 @@ class RmlCapabilities(Backend):
     operators: ClassVar[frozenset[Operator]] = LOGICAL | COMPARING | CALCULATING
     values: ClassVar[frozenset[Value]] = JSON_VALUES
     ties: ClassVar[Ties] = Ties.ANY
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Within: _UNTIMED,
-        Feature.TIME_POINTS: _UNTIMED,
-        **{one: f"RML has no {one.value}" for one in TEXTUAL | READING},
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
+        Feature.TIME_POINTS: unwritten("windows (`within`) are the only condition on time that is written"),
+        **{one: unwritten(f"RML has no `{one}`") for one in TEXTUAL | READING},
+    }
+    needs: ClassVar[Mapping[Capability, frozenset[Assumption]]] = {
+        Within: frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.EXACT})
     }
     default_limit: ClassVar[int] = 20_000
 
@@ -89,6 +91,10 @@ class RmlBackend(RmlCapabilities):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the text in RML."""
+        if prop.timed:
+            prop = without_windows(prop)
+            for each in self.passes:
+                prop = each(prop)
         text, symbols, equations = translate(prop, semantics, limit=limit)
         return SpecificationText(text, Metrics(symbols=symbols, states=equations))
 

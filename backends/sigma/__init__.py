@@ -14,6 +14,7 @@ from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, GATES, LOGICAL, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.errors import Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
@@ -67,12 +68,12 @@ class SigmaBackend(Backend):
         **{one: frozenset({Assumption.TYPES}) for one in _OPERATORS},
     }
     relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.CASE})
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "a correlation cannot forbid events between its own",
-        Feature.TIME_POINTS: "the timespan is the only condition on time of a correlation",
-        Value.NULL: _UNTYPED,
-        Value.LIST: "a rule cannot test the length of a list, or whether a value is an object",
-        Value.SOME_ITEM: "a rule cannot say which fields belong to one item of a list",
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
+        Semantics: unwritten("correlations are written for `scattered`: they forbid no events between their own"),
+        Feature.TIME_POINTS: unwritten("the timespan is the only condition on time that is written"),
+        Value.NULL: unwritten(_UNTYPED),
+        Value.LIST: unwritten("rules are not written for the length of a list, or for whether a value is an object"),
+        Value.SOME_ITEM: unwritten("a rule does not say which fields belong to one item of a list"),
     }
     default_limit: ClassVar[int] = 100
 

@@ -20,7 +20,7 @@ from rvaft.core.conditions import (
     TruthConditions,
     TruthTest,
 )
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.export.rule_metadata import ODD
 from rvaft.model.assumptions import Declared
 from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, Sort
@@ -64,7 +64,7 @@ class EventRule:
         if len({name.partition("|")[0].lower() for name in self.selection}) < len(
             {name.partition("|")[0] for name in self.selection}
         ):
-            raise NotExpressible("two field names differ only in case, which SQL tables ignore")
+            raise NotExpressible(unwritten("two field names differ only in case, which SQL tables ignore"))
 
     def detection(self, prefix: str = "") -> tuple[dict[str, Selection], str]:
         """Return the selections by name, and the condition over them; names get a suffix."""
@@ -82,14 +82,15 @@ class EventRule:
             way, part = todo.pop(0)
             if way and (not _NAME.fullmatch(way[-1]) or _COLUMN.fullmatch(way[0])):
                 dot = f"Sigma reads the dot in the key {way[-1]} as a step to a field inside"
-                raise NotExpressible(dot if "." in way[-1] else "the field name is reserved in Sigma or in SQL tables")
+                reserved = "the field name is reserved in Sigma or in SQL tables"
+                raise NotExpressible(unwritten(dot if "." in way[-1] else reserved))
             match part:
                 case ObjectPattern(inner) if inner:
                     todo[:0] = [((*way, step), below) for step, below in inner]
                 case Literal(value):
                     self.selection.update([self._equal(way, value)])
                 case Variable(name) if name in self.fields:
-                    raise NotExpressible("a rule cannot compare two fields of an event")
+                    raise NotExpressible(unwritten("rules are not written for two fields of an event"))
                 case Variable() | Anything():
                     if isinstance(part, Variable):
                         self.fields[part.name] = way
@@ -97,7 +98,9 @@ class EventRule:
                     if way not in self._known.present:
                         self.selection[f"{'.'.join(way)}|exists"] = True
                 case _:
-                    raise NotExpressible("a rule cannot test the length of a list, or whether a value is an object")
+                    raise NotExpressible(
+                        unwritten("rules are not written for the length of a list, or for whether a value is an object")
+                    )
 
     def _equal(self, way: Key, value: Json) -> tuple[str, Json]:
         """Return the test that a field has a constant value."""
@@ -105,16 +108,16 @@ class EventRule:
         match value:
             case bool():
                 if type_ is not ValueType.BOOLEAN:
-                    raise NotExpressible(_UNTYPED)
+                    raise NotExpressible(unwritten(_UNTYPED))
                 return field, value
             case str():
                 if ODD.search(value) or (type_ is not ValueType.TEXT and _is_ambiguous(value)):
-                    raise NotExpressible("Sigma has no types, and confuses the string with another value")
+                    raise NotExpressible(unwritten("Sigma has no types, and confuses the string with another value"))
                 return f"{field}{self._cased}", escaped(value)
             case int() | float() if abs(value) < 2**53 and "e" not in repr(value):
                 return field, value
             case _:
-                raise NotExpressible(_UNTYPED)
+                raise NotExpressible(unwritten(_UNTYPED))
 
     # Guards.
 
@@ -123,7 +126,7 @@ class EventRule:
         found = list[str]()
         for one in conditions:
             if one is NEVER:
-                raise NotExpressible("a guard never holds, and no rule can express that")
+                raise NotExpressible(unwritten("a guard never holds, and no rule can express that"))
             parts = one.parts if isinstance(one, ConditionJunction) and one.every else (one,)
             for part in parts:
                 if isinstance(part, ConditionJunction):
@@ -195,26 +198,28 @@ class EventRule:
                 assert mirrored is not None, "the sign of a comparison"
                 return self._test(ComparisonTest(sort, right, {"==": "=", "!=": "<>"}.get(mirrored, mirrored), left))
             case TruthTest() | EqualityTest() | ComparisonTest() | SortTest():
-                raise NotExpressible("a rule compares one field with a constant: numbers, or texts by their parts")
+                raise NotExpressible(
+                    unwritten("a rule compares one field with a constant: numbers, or texts by their parts")
+                )
 
     def _typed(self, name: str, sort: Sort) -> Key:
         """Return the field of a variable whose declared type has a sort."""
         way = self.fields[name]
         if self._known.sort_of(way) is Sort.UNKNOWN:
-            raise NotExpressible(f"Sigma compares without types: declare the type of {'.'.join(way)}")
+            raise NotExpressible(unwritten(f"Sigma compares without types: declare the type of {'.'.join(way)}"))
         if self._known.sort_of(way) is not sort:
-            raise NotExpressible(f"the guard compares {'.'.join(way)} with a value of another type")
+            raise NotExpressible(unwritten(f"the guard compares {'.'.join(way)} with a value of another type"))
         return way
 
     def _sure(self, name: str, wanted: bool) -> bool:
         """Return `wanted`; a negated test needs a value, because Sigma is two-valued."""
         if not wanted and self.fields[name] not in self._known.present:
-            raise NotExpressible("a negated test needs `assume present;`, because Sigma has no undefined")
+            raise NotExpressible(unwritten("a negated test needs `assume present;`, because Sigma has no undefined"))
         return wanted
 
     def _matching(self, operator: Operator, way: Key, text: str) -> tuple[str, str]:
         if ODD.search(text) or not text:
-            raise NotExpressible("Sigma cannot write this text")
+            raise NotExpressible(unwritten("Sigma has no escape for this text"))
         modifier = _MODIFIERS[operator]
         field = f"{'.'.join(way)}{f'|{modifier}' if modifier else ''}{self._cased}"
         return field, text.replace("\\", "\\\\") if operator is Operator.LIKE else escaped(text)

@@ -19,7 +19,7 @@ from backends.nests import NEVER, WINDOW, Nest, Nesting, in_every_order
 from backends.sigma.rules import EventRule, detection_of
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import Property, Within
-from rvaft.errors import NotExpressible, TooLarge, installed
+from rvaft.errors import NotExpressible, TooLarge, installed, unwritten
 from rvaft.export.rule_metadata import about, origin, rule_id, rule_metadata
 from rvaft.model.assumptions import Declared, declared
 from rvaft.model.expressions import time_text
@@ -101,7 +101,7 @@ class SigmaRules:
         self._refuse(_WINDOW if why == WINDOW else "a rule is about one event, and a guard about several", nodes)
 
     def _refuse(self, reason: str, nodes: Iterable[str]) -> NoReturn:
-        raise NotExpressible(reason, nodes=dict.fromkeys(nodes))
+        raise NotExpressible(unwritten(reason), nodes=dict.fromkeys(nodes))
 
     def _fits(self, size: int) -> None:
         if size > self._limit:

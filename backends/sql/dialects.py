@@ -13,7 +13,7 @@ from functools import cache, lru_cache
 from itertools import count, groupby, takewhile
 from typing import Final, TypeAlias
 
-from rvaft.errors import NotExpressible, installed
+from rvaft.errors import NotExpressible, installed, unwritten
 from rvaft.support.terminal import is_hidden
 
 Path = tuple[str | int, ...]
@@ -49,7 +49,7 @@ def literal(text: str, character: str = "chr") -> str:
     """Return a string literal on one line; raises `NotExpressible` for characters that SQL lacks."""
     if _HALF.search(text):
         reason = f"{text!a} has a character that SQL strings cannot hold"
-        raise NotExpressible(reason)
+        raise NotExpressible(unwritten(reason))
     literals: list[str] = []
     for hidden, some in groupby(text, is_hidden):
         part = "".join(some)
@@ -70,7 +70,7 @@ def identifier(name: str) -> str:
         return name
     if not name or _HALF.search(name):
         reason = f"{name!a} is no name of a column or table in SQL"
-        raise NotExpressible(reason)
+        raise NotExpressible(unwritten(reason))
     return '"' + name.replace('"', '""') + '"'
 
 
@@ -447,14 +447,14 @@ def transpiled(text: str, dialect: str) -> str:
         names = [call.name for call in calls if call.name.lower() != "epoch_us"]
         if names:
             what = "a calculation whose parts have names" if "struct_insert" in names else f"the function {names[0]}"
-            raise NotExpressible(f"SQLGlot does not write {what} for {dialect}")
+            raise NotExpressible(unwritten(f"SQLGlot does not write {what} for {dialect}"))
         name = next(name for number in count() if (name := f"rvaft_us{number}") not in text)
         for call in calls:
             call.set("this", name)
         found = query.sql(dialect=dialect, pretty=True, unsupported_level=sqlglot.ErrorLevel.RAISE)
     except sqlglot.errors.SqlglotError as error:
         reason = f"SQLGlot does not write it for {dialect}: {' '.join(str(error).split())}"
-        raise NotExpressible(reason) from None
+        raise NotExpressible(unwritten(reason)) from None
     column = r"""((?:"(?:[^"]|"")*"|`(?:[^`]|``)*`|[^()"`])*)"""
     found = re.sub(rf"(?i)\b{name}\({column}\)", lambda call: TRANSPILED[dialect].format(call[1]), found)
     note = f"-- SQLGlot wrote this for {dialect} from the query for duckdb; rvaft does not run it.\n"

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from backends.sql.dialects import Dialect
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import ARITHMETIC, COMPARISONS, UNDEFINED, Guard, Operation, Operator, value, variables
 from rvaft.model.patterns import Literal, Variable
 
@@ -72,7 +72,7 @@ class Guards:
                     value = int(value)
                 if isinstance(value, int) and abs(value) >= 2**63:
                     reason = f"{value} is an integer of more than 64 bits"
-                    raise NotExpressible(reason)
+                    raise NotExpressible(unwritten(reason))
                 number = self.dialect.number(value)
                 known = value if abs(value) < _EXACT else None
                 if isinstance(value, int):
@@ -124,7 +124,7 @@ class Guards:
         named = self._named[-1]
         if len(named) > MAX_NAMED:
             reason = f"a comparison has more than {MAX_NAMED} steps of calculation"
-            raise NotExpressible(reason)
+            raise NotExpressible(unwritten(reason))
         if long not in named:
             named.append(long)
         place = len(self._named), named.index(long) + 1
@@ -188,7 +188,7 @@ class Guards:
             case _ if operator in COMPARISONS:
                 return SqlTerm(truth=self.compared(first, operator.value, terms[1]))
             case _:
-                raise NotExpressible(f"SQL has no {operator.value}")
+                raise NotExpressible(unwritten(f"SQL has no {operator.value}"))
 
     def compared(self, left: SqlTerm, sign: str, right: SqlTerm, *, texts: bool = True) -> str | None:
         """Return the comparison of two numbers or two strings; NULL for other types."""
@@ -261,7 +261,7 @@ class Guards:
             return term
         if term.total and term.key is None:  # a literal
             reason = f"{term.real} is an integer of more than 64 bits"
-            raise NotExpressible(reason)
+            raise NotExpressible(unwritten(reason))
         term = self._once(term)
         whole = _first(term.whole, self.dialect.integral(term.real))
         return self._once(SqlTerm(whole, self.dialect.fractional(term.real)))
@@ -272,7 +272,7 @@ class Guards:
         if whole is not None and exact and term.constant is None:
             if term.total and term.key is None:  # a literal
                 reason = f"it divides {whole}, an integer beyond 2**53"
-                raise NotExpressible(reason)
+                raise NotExpressible(unwritten(reason))
             too_large = self.dialect.checked(f"{whole} * 1024")  # an error beyond 2^53
             whole = f"CASE WHEN {too_large} IS NOT NULL THEN {whole} END"
         if term.constant is not None:

@@ -8,7 +8,7 @@ from backends.sql.dialects import Dialect, Path, qualified
 from backends.sql.guards import FACETS, SqlTerm
 from backends.tables import FINEST, Table, TableHeader, column_types, variable_types
 from rvaft.core.property import Property
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.nodes import ValueType
 
@@ -155,11 +155,13 @@ class TableRows:
 
     def is_list(self, path: Path, length: int | None = None) -> str:
         """Raise `NotExpressible`."""
-        raise NotExpressible(f"a column holds no list{'' if length is None else f' of {length} items'}: {path[-1]}")
+        raise NotExpressible(
+            unwritten(f"a column holds no list{'' if length is None else f' of {length} items'}: {path[-1]}")
+        )
 
     def items(self, path: Path, name: str) -> "tuple[str, TableRows]":  # noqa: ARG002
         """Raise `NotExpressible`."""
-        raise NotExpressible(self.is_list(path))
+        raise NotExpressible(unwritten(self.is_list(path)))
 
     def facets(self, path: Path) -> dict[str, str]:
         """Return the column of a variable at a path."""
@@ -206,7 +208,7 @@ def _nanoseconds(column: str, kind: str, dialect: Dialect) -> str:
             return f"{dialect.microseconds.format(column)} * {FINEST}"
         case "timestamp":
             raise NotExpressible(
-                f"{dialect.name} has no timestamps: give the type of the time, as in --time {column}:s"
+                unwritten(f"{dialect.name} has no timestamps: give the type of the time, as in --time {column}:s")
             )
         case "double":
             return f"{dialect.cast(f'round({column} * 1000000)', dialect.whole)} * {FINEST}"

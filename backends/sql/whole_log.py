@@ -23,7 +23,7 @@ from backends.tables import Table, column_types
 from rvaft.backend import SpecificationText
 from rvaft.core.classifier import Scope, literals_of
 from rvaft.core.property import Property
-from rvaft.errors import NotExpressible, RvaftError, ToolFailed
+from rvaft.errors import NotExpressible, RvaftError, ToolFailed, unwritten
 from rvaft.model.assumptions import EXACT, AssumptionCheck, places, used_events
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.guards import Guard, Operation, Operator, walk
@@ -86,7 +86,7 @@ class DuckDbEngine(QueryEngine):
             self._translate(plan.monitors.columns[0].part, plan.monitors.semantics)
         except NotExpressible as refusal:
             name, semantics = _LogBackend.name, plan.monitors.semantics
-            raise NotExpressible(refusal.reason, backend=name, semantics=semantics, nodes=refusal.nodes) from None
+            raise NotExpressible(refusal.why, backend=name, semantics=semantics, nodes=refusal.nodes) from None
         self.name_of = {one.place: one.name for one in self.columns}
         literals = [literals_of(letter.pattern) for _, _, letter in self.types.letters]
         fields = self.types.discriminators.fields
@@ -98,13 +98,13 @@ class DuckDbEngine(QueryEngine):
     def _translate(self, part: RVAFT, semantics: Semantics) -> None:
         tree = self.types.tree
         if semantics not in (Semantics.SCATTERED, Semantics.CONSECUTIVE):
-            raise NotExpressible("a query does not tell when a verdict becomes false")
+            raise NotExpressible(unwritten("a query does not tell when a verdict becomes false"))
         if tree.time is not None and tree.time.format not in (*UNITS, TimeFormat.ISO8601):
-            raise NotExpressible(f"DuckDB does not read times as {tree.time.format}")
+            raise NotExpressible(unwritten(f"DuckDB does not read times as {tree.time.format}"))
         guards = [*(node.when for node in tree.top_down()), *(one.when for one in tree.ignores)]
         by_value = (one for guard in guards for one in walk(guard))
         if any(isinstance(one, Operation) and one.operator in _BY_VALUE for one in by_value):
-            raise NotExpressible("guards with *, / and number() may be undefined in some events only")
+            raise NotExpressible(unwritten("guards with *, / and number() may be undefined in some events only"))
         plain = _LogBackend(None, "duckdb")
         kinds = column_types(plain.prepared(tree, semantics))
         self.columns = [LogColumn(f"c{number}", place, kind) for number, (place, kind) in enumerate(kinds.items(), 1)]

@@ -10,6 +10,7 @@ from itertools import chain
 from typing import Any, ClassVar
 from uuid import UUID
 
+from backends.stix.comparisons import NO_NULL, ONE_OBSERVATION
 from backends.stix.observations import StixHeader
 from backends.stix.reader import StixMonitor
 from backends.stix.translation import StixPattern
@@ -28,6 +29,7 @@ from rvaft.capabilities import (
 )
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.errors import Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
@@ -64,17 +66,19 @@ class StixBackend(Backend):
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
     ties: ClassVar[Ties] = Ties.NONE
     relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.PRESENT})
-    reasons: ClassVar[Mapping[Capability, str]] = {
-        Semantics: "a pattern cannot forbid observations between its own",
-        Feature.TIME_POINTS: "WITHIN is the only condition on time of a pattern",
-        Value.NULL: "STIX has no null",
-        Value.LIST: "a comparison cannot test the length of a list, or whether a value is an object",
-        Value.SOME_ITEM: "comparisons with `[*]` do not say which properties belong to one item",
-        Ties.ALL_EVENTS: "a pattern cannot compare two observations",
-        Ties.ANY: "a pattern cannot compare two observations",
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
+        Semantics: unwritten("patterns are written for `scattered`, as they forbid no observations between their own"),
+        Feature.TIME_POINTS: unwritten("WITHIN is the only condition on time that patterns are written with"),
+        Value.NULL: NO_NULL,
+        Value.LIST: unwritten(
+            "comparisons are not written for the length of a list, or for whether a value is an object"
+        ),
+        Value.SOME_ITEM: unwritten("comparisons with `[*]` do not say which properties belong to one item"),
+        Ties.ALL_EVENTS: ONE_OBSERVATION,
+        Ties.ANY: ONE_OBSERVATION,
         **dict.fromkeys(
             CALCULATING | READING | {Operator.LOWER},
-            "a comparison has one property and a constant, and no arithmetic",
+            unwritten("a comparison has one property and a constant, and no arithmetic"),
         ),
     }
     default_limit: ClassVar[int] = 250

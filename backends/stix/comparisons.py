@@ -7,7 +7,7 @@ from typing import ClassVar, Final
 
 from backends.field_conditions import FieldConditions, FieldPath, Lack
 from backends.stix.observations import EVENT
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, Reason, cannot, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.values import Json, has_surrogate
 
@@ -16,6 +16,8 @@ _MADE: Final = re.compile(r"[^\0-\x7f]|[;K`]")
 """Characters that Unicode normalisation (NFC) may change or produce."""
 _OPEN: Final = re.compile(r"[A-PR-Za-pr-z<=>]\Z")
 """Characters that NFC may combine with a following mark."""
+NO_NULL: Final = cannot("STIX has no null")
+ONE_OBSERVATION: Final = cannot("a pattern cannot compare two observations")
 
 
 class StixConditions(FieldConditions):
@@ -25,13 +27,15 @@ class StixConditions(FieldConditions):
     conjunction, disjunction = " AND ", " OR "
     exists, equals, differs, is_truth = "({p} = '' OR {p} != '')", "{p} = {v}", "{p} != {v}", "{p} = {v}"
     comparing_asks = True
-    reasons: ClassVar[Mapping[Lack, str]] = {
-        Lack.TWO_FIELDS: "a comparison cannot compare two properties",
-        Lack.CONTAINER: "a comparison cannot test the length of a list, or whether a value is an object",
-        Lack.CALCULATION: "a comparison has one property and a constant, and no arithmetic",
-        Lack.NULL: "STIX has no null",
-        Lack.SURROGATE: "half of a surrogate pair is not a string",
-        Lack.TEXT_FUNCTION: "LIKE and MATCHES normalise strings to Unicode NFC before comparison",
+    reasons: ClassVar[Mapping[Lack, Reason]] = {
+        Lack.TWO_FIELDS: unwritten("a comparison compares one property with a constant"),
+        Lack.CONTAINER: unwritten(
+            "comparisons are not written for the length of a list, or for whether a value is an object"
+        ),
+        Lack.CALCULATION: unwritten("a comparison has one property and a constant, and no arithmetic"),
+        Lack.NULL: NO_NULL,
+        Lack.SURROGATE: unwritten("half of a surrogate pair is not a string"),
+        Lack.TEXT_FUNCTION: unwritten("LIKE and MATCHES normalise strings to Unicode NFC before comparison"),
     }
 
     def __init__(self, path_of: Callable[[tuple[str, ...]], str]) -> None:

@@ -12,7 +12,7 @@ from backends.stix.comparisons import StixConditions, step
 from backends.stix.observations import EVENT, StixHeader, Way, property_of
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import Property, Within
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.assumptions import declared
 from rvaft.model.patterns import Literal, ObjectPattern
 
@@ -35,7 +35,7 @@ class StixPattern:
                 within = window.duration
                 if within < 1 or within % 1_000 or within > _LONGEST or (within > _EXACT and within % _SECOND):
                     reason = "WITHIN takes whole microseconds, at least one, and whole seconds beyond 30 years"
-                    raise NotExpressible(reason, nodes=[window.source.node])
+                    raise NotExpressible(unwritten(reason), nodes=[window.source.node])
         unit = "observation expressions of the pattern"
         self._nest = Nesting(prop, self._inseparable, limit=limit, unit=unit).nest()
 
@@ -45,7 +45,7 @@ class StixPattern:
         return f"{self._header}{pattern}", len(_TOKEN.findall(pattern))
 
     def _refuse(self, reason: str, nodes: Iterable[str]) -> NoReturn:
-        raise NotExpressible(reason, nodes=dict.fromkeys(nodes))
+        raise NotExpressible(unwritten(reason), nodes=dict.fromkeys(nodes))
 
     def _inseparable(self, why: str, nodes: Iterable[str]) -> NoReturn:
         if why == WINDOW:

@@ -25,7 +25,7 @@ from rvaft.backend import Metrics, SpecificationText
 from rvaft.capabilities import Capability, Feature
 from rvaft.core.passes import Pass
 from rvaft.core.property import EndInOrder, Property, Times, Within
-from rvaft.errors import NotExpressible, TooLarge
+from rvaft.errors import NotExpressible, Reason, TooLarge, unwritten
 from rvaft.model.guards import (
     ARITHMETIC,
     COMPARISONS,
@@ -39,7 +39,7 @@ from rvaft.model.guards import (
     time_points,
 )
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.nodes import Assumption, Causality, Gate, Node
 from rvaft.model.patterns import (
     Anything,
     ListPattern,
@@ -61,14 +61,14 @@ CHARACTERS: Final = 100
 """Characters of one term per term of the limit."""
 _AROUND: Final = 4
 r"""The symbols of an option `(a T_bc) \\/` without its child."""
-_UNSAID: Final = "the paper does not define it"
+_UNSAID: Final = unwritten("the paper does not define it")
 _AND, _OR = " /\\ ", " \\/ "
 _SIGNS: Final = {op: facts.sign for op, facts in OPERATORS.items()} | {Operator.AND: "&&", Operator.OR: "||"}
 _TOKEN: Final = re.compile(r"\w+|/\\|\\/|>>|[^\s\w]")
 
 
 def _refusal(reason: str, semantics: Semantics, node: str) -> NotExpressible:
-    return NotExpressible(reason, backend="rml-paper", semantics=semantics, nodes=[node])
+    return NotExpressible(unwritten(reason), backend="rml-paper", semantics=semantics, nodes=[node])
 
 
 @dataclass(frozen=True, slots=True)
@@ -343,7 +343,7 @@ def specification(tree: RVAFT, semantics: Semantics, limit: int) -> tuple[str, i
     """Return the text, the number of tokens of its equations, and the number of equations."""
     for node in tree.top_down():  # impossible parts may contain constructs that the capability check does not see
         if node.gate is Gate.PAND or node.times > 1 or node.within is not None or time_points(node.when):
-            raise _refusal(_UNSAID, semantics, node.name)
+            raise _refusal(_UNSAID.text, semantics, node.name)
     types, writer, terms = PaperTypes(semantics), PaperTerms(limit), list[str]()
     if prod(len(tree.nodes[name].children) for name in or_gates(tree)) > limit:
         raise TooLarge("branches of the paper's translation", limit=limit)
@@ -407,7 +407,8 @@ class RmlPaperBackend(RmlBackend):
     faithful: ClassVar[bool] = False
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.STRICT, Semantics.PROJECTED})
     passes: ClassVar[tuple[Pass, ...]] = ()
-    reasons: ClassVar[Mapping[Capability, str]] = {
+    needs: ClassVar[Mapping[Capability, frozenset[Assumption]]] = {}
+    reasons: ClassVar[Mapping[Capability, Reason]] = {
         **RmlBackend.reasons,
         **dict.fromkeys((Semantics, Times, EndInOrder, Within, Feature.TIME_POINTS), _UNSAID),
     }

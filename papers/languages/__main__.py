@@ -18,7 +18,9 @@ from papers.languages.measurement import Measurement
 from papers.languages.note import FOLDER, TREES, capabilities_tex, expressible, expressible_tex, languages, note, short
 from papers.languages.plots import plots
 from papers.languages.tables import csv_text, headline, latex_text, read_rows
+from rvaft.backend import backend
 from rvaft.cli import main as rvaft
+from rvaft.errors import Cause
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
 
@@ -30,6 +32,8 @@ GROUPS: Final = (
 )
 """Languages measured with common options."""
 LANGUAGES: Final = tuple(name for names, *_ in GROUPS for name in names.split(","))
+ROOT: Final = FOLDER.parents[1]
+PAGES: Final = ROOT / "docs" / "reference" / "languages"
 TIMEOUT: Final = 60
 """Seconds per tree and language: many times the slowest, so that slow machines get equal sizes."""
 
@@ -41,10 +45,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--max-arity", type=int, default=8, metavar="N", help="gates with 1 to N children (default: 8)")
     parser.add_argument("--jobs", type=int, default=1, metavar="N", help="processes at a time (default: 1)")
     parser.add_argument("--texts", action="store_true", help="tables and the note only: no figures")
+    parser.add_argument(
+        "--claims", action="store_true", help="list what a language cannot express, and where the argument is"
+    )
     parser.add_argument("--resume", action="store_true", help="continue from languages.csv")
     options = parser.parse_args(arguments)
     out = Path(options.out).resolve()
     table = out / "languages.csv"
+    if options.claims:
+        return claims(list(read_rows(table.read_text(encoding="utf-8"), str(table))))
     try:
         out.mkdir(parents=True, exist_ok=True)
         if not options.resume:
@@ -72,6 +81,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for title in missed(rows):
         sys.stderr.write(f"papers.languages: not confirmed: {title}\n")
     return 1 if missed(rows) else 0
+
+
+def claims(rows: Sequence[Measurement]) -> int:
+    """Print each claim that a language cannot express a construct; return 1 if its page has no argument.
+
+    The claims are those of the measurements and of the capabilities of the backends. The page of a
+    language has an argument in an item of a list that begins with the claim in bold.
+    """
+    found: dict[tuple[str, str], int] = {}
+    for row in rows:
+        if row.cause is Cause.LANGUAGE:
+            found[row.language, row.reason] = found.get((row.language, row.reason), 0) + 1
+    for name in LANGUAGES:
+        for reason in backend(name).reasons.values():
+            if reason.cause is Cause.LANGUAGE and not any(n == name and r.startswith(reason.text) for n, r in found):
+                found[name, reason.text] = 0
+    missing = 0
+    for (name, claim), cells in sorted(found.items()):
+        page = PAGES / f"{backend(name).form_of or name}.md"
+        begins = [line.split("**")[1] for line in page.read_text("utf-8").splitlines() if line.startswith("- **")]
+        argued = any(claim.startswith(begin.rstrip(":.")) for begin in begins)
+        missing += not argued
+        sys.stdout.write(f"{name}: {claim} ({cells} cells): {page.relative_to(ROOT) if argued else 'NO ARGUMENT'}\n")
+    return 1 if missing else 0
 
 
 def in_order(rows: Sequence[Measurement]) -> list[Measurement]:

@@ -4,6 +4,7 @@ Each step runs in a forked process with all imports, so that no cell benefits fr
 A process beyond its time or memory is ended without affecting others. Times are CPU times.
 """
 
+import dataclasses
 import gc
 import hashlib
 import math
@@ -11,6 +12,7 @@ import multiprocessing
 import os
 import resource
 import signal
+import subprocess
 from collections import Counter
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -19,6 +21,7 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from functools import cache, cached_property, lru_cache, partial
 from importlib.metadata import version
+from importlib.util import find_spec
 from itertools import product
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -30,14 +33,19 @@ from typing import Any, Final, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
+from backends.match_recognize import flink
+from backends.match_recognize.flink import RowHeader
+from backends.mfotl import monpoly
+from backends.mfotl.monpoly import MfotlHeader
+from backends.mtl import r2u2
 from cross_check.generate.times import SECOND, TODAY, timed
 from cross_check.generate.values import fitting, interesting_values
 from cross_check.participants import loaded
 from cross_check.results import DETECTIONS_ONLY, Status, raised, reason
 from rvaft.api import loads, resolve_semantics
-from rvaft.backend import Metrics, all_backends, backend
+from rvaft.backend import Specification, all_backends, backend
 from rvaft.engine import Engine
-from rvaft.errors import NotExpressible, OptionError, RvaftError
+from rvaft.errors import Cause, NotExpressible, OptionError, RvaftError, unwritten
 from rvaft.language.printer import dumps
 from rvaft.model.assumptions import first_violation
 from rvaft.model.nodes import Assumption, Gate, Node
@@ -56,9 +64,15 @@ WALKING: Final = 30.0  # seconds to generate the events of a tree with the engin
 SLACK: Final = 10  # the ratio of wall time to CPU time that is allowed, per parallel process
 GRACE: Final = 5.0  # additional seconds of wall time per process
 SIZES: Final = ("symbols", "subformulas", "states", "edges")  # sizes of a text
-ONLY_EMITTED: Final = "only emitted: no reader for its texts"
+ONLY_EMITTED: Final = "only emitted: {} was not run"
+"""Of a text without a reader in rvaft; {} is the program that would run it."""
+PROGRAMS: Final[Mapping[str, str]] = {"mfotl": "MonPoly", "mtl-r2u2": "R2U2", "match-recognize": "Apache Flink"}
+"""Programs of languages without a reader; `MONPOLY` and `R2U2` of the environment are paths of the first two."""
 EVENTS: Final = 240  # events of all walks of a tree
 LONGEST: Final = 60  # the maximum number of events of a walk without a verdict
+_PATHS: Final[Mapping[str, str]] = {"mfotl": "MONPOLY", "mtl-r2u2": "R2U2"}
+_EACH: Final = 10.0
+"""Seconds for one trace in an external program."""
 _FORK: Final = 0.01  # approximate seconds to fork a reader
 _NOISE: Final = 0.1  # the probability of an irrelevant event
 _DOOMED: Final = 4  # one of this many walks leads to ⊥
@@ -172,8 +186,11 @@ class Measurement(msgspec.Struct, frozen=True):
     unknown.
 
     - `result`: outcome of the translation; `run`: of reading the text and running events.
-    - `seconds`: median time of a translation.
-    - `again_per_second`: median speed of one reader that runs all `events` again.
+    - `cause`: of a tree that is not expressible, whether the language cannot or rvaft does not write it.
+    - `extension`: the extensions of rvaft that the text uses.
+    - `seconds`: median time of a translation; `seconds_spread`: its longest less its shortest.
+    - `again_per_second`: median speed of one reader that runs all `events` again; `again_spread`:
+      the fastest run less the slowest. No speeds are given for fewer than `EVENTS` events.
     - `events_per_second`: speed of fresh readers on `first_events`.
     - `differing`: the number of `walks` with other verdicts than the tree's.
 
@@ -209,6 +226,10 @@ class Measurement(msgspec.Struct, frozen=True):
     version: str = ""
     first_events: int | None = None
     memory: int | None = None
+    cause: Cause | None = None
+    extension: str = ""
+    seconds_spread: float | None = None
+    again_spread: float | None = None
 
     @property
     def key(self) -> tuple[object, ...]:
@@ -221,6 +242,8 @@ class Measurement(msgspec.Struct, frozen=True):
         It must be complete, and not limited by less time or memory.
         """
         if self.key != wanted.key or self.ended is None or self.broken:
+            return False
+        if self.only_emitted and _installed(self.language):
             return False
         ends = (self.result, self.run)
         late = Outcome.TIMEOUT in ends and self.timeout < wanted.timeout
@@ -240,7 +263,7 @@ class Measurement(msgspec.Struct, frozen=True):
     @property
     def only_emitted(self) -> bool:
         """Whether the text has no reader."""
-        return self.run_reason == ONLY_EMITTED
+        return self.run_reason.startswith(ONLY_EMITTED.partition("{}")[0])
 
     @property
     def ended(self) -> Outcome | None:
@@ -265,7 +288,7 @@ def unmeasured(cell: Cell, settings: Settings) -> Measurement:
 
 
 class _Unmeasurable(Exception):
-    """The outcome of a step without result, and its reason on one line."""
+    """The outcome of a step without result, its reason on one line, and the cause of a refusal."""
 
 
 def measured(
@@ -322,16 +345,17 @@ def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["W
         return result
 
     try:
-        text, sizes, seconds, assumes = isolated(partial(_translated, cell, settings.limit))
-        tree = cell.subject.tree
-        trodden = [walk for walk in trodden if first_violation(tree, walk.events, assumes) is None]
+        made, times = isolated(partial(_translated, cell, settings.limit))
+        text, tree = made.text, cell.subject.tree
+        trodden = [walk for walk in trodden if first_violation(tree, walk.events, made.assumes) is None]
     except _Unmeasurable as end:
-        return replace(record, result=end.args[0], reason=end.args[1])
-    found = {name: getattr(sizes, name) for name in SIZES}
-    found |= {"characters": len(text), "seconds": _rounded(seconds)}
+        return replace(record, result=end.args[0], reason=end.args[1], cause=end.args[2])
+    found = {name: getattr(made.metrics, name) for name in SIZES}
+    found |= {"characters": len(text), "extension": ", ".join(made.extensions)}
+    found |= {"seconds": _rounded(median(times)), "seconds_spread": _spread(times)}
     record = replace(record, result=Outcome.OK, run=Outcome.OK, **found)
-    if not backend(cell.language).readable:
-        return replace(record, run_reason=ONLY_EMITTED)
+    if not backend(cell.language).readable and not _installed(cell.language):
+        return replace(record, run_reason=ONLY_EMITTED.format(PROGRAMS[cell.language]))
     try:
         first, again = isolated(partial(_ran_again, cell, text, trodden))
         record = replace(
@@ -340,17 +364,19 @@ def _measured(cell: Cell, settings: Settings, clock: float, trodden: Sequence["W
             read_seconds=_rounded(first.reading),
             events=first.events,
             first_events=0,
-            again_per_second=_speed(first.events, again),
+            again_per_second=_speed(first.events, median(again)),
+            again_spread=_spread([first.events / seconds for seconds in again if seconds and first.events >= EVENTS]),
             walks=first.walks,
             differing=first.differing,
         )
         readers = min(READERS, len(trodden), 1 + int(PATIENCE / (first.reading + _FORK)))
         step = -(-len(trodden) // readers) if readers else 1
-        fresh = [isolated(partial(_ran, cell, text, [walk])) for walk in trodden[::step]]
+        fresh = [] if first.external else [isolated(partial(_ran, cell, text, [walk])) for walk in trodden[::step]]
     except _Unmeasurable as end:
         return replace(record, run=end.args[0], run_reason=end.args[1])
     events = sum(one.events for one in fresh)
-    return replace(record, first_events=events, events_per_second=_speed(events, sum(one.seconds for one in fresh)))
+    speed = events / sum(one.seconds for one in fresh) if events and first.events >= EVENTS else None
+    return replace(record, first_events=events, events_per_second=None if speed is None else _rounded(speed))
 
 
 def _remark(ran: "Run", walks: int) -> str:
@@ -380,9 +406,9 @@ def _isolated(work: Callable[[], object], seconds: float, clock: float, settings
         code = process.exitcode or 0
         limits = {-signal.SIGPROF: f"{settings.timeout:g} s", -signal.SIGALRM: f"{clock:g} s by the clock"}
         if code in limits:
-            raise _Unmeasurable(Outcome.TIMEOUT, f"not within {limits[code]}") from None
+            raise _Unmeasurable(Outcome.TIMEOUT, f"not within {limits[code]}", None) from None
         how = signal.Signals(-code).name if code < 0 else f"exit status {code}"
-        raise _Unmeasurable(Outcome.FAILED, f"the process that measured it was killed ({how})") from None
+        raise _Unmeasurable(Outcome.FAILED, f"the process that measured it was killed ({how})", None) from None
     finally:
         process.kill()
         process.join()
@@ -405,10 +431,11 @@ def _work(work: Callable[[], object], sender: Connection, seconds: float, clock:
         result = work()
     except MemoryError:
         resource.setrlimit(resource.RLIMIT_AS, inherited)  # memory to report the failure
-        result = _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})")
+        result = _Unmeasurable(Outcome.TOO_LARGE, f"megabytes of memory (limit {settings.memory})", None)
     except Exception as error:  # noqa: BLE001
         known = raised(error)
-        result = _Unmeasurable(Outcome(Status.of(known)), reason(known))
+        cause = known.cause if isinstance(known, NotExpressible) else None
+        result = _Unmeasurable(Outcome(Status.of(known)), reason(known), cause)
     if process_time() > seconds:  # the system checks its timer only at intervals
         signal.raise_signal(signal.SIGPROF)
     sender.send((result, process_time()))
@@ -453,11 +480,11 @@ def _other_text(language: str, semantics: Semantics) -> str:
     return ""
 
 
-NO_LATE_EVENTS: Final = "the language cannot drop late events, and its text assumes that there are none"
+NO_LATE_EVENTS: Final = "late events are dropped in C and SQL alone: other texts assume that there are none"
 
 
-def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float, frozenset[Assumption]]:
-    """Return the text, its sizes, the median seconds of a translation, and its assumptions.
+def _translated(cell: Cell, limit: int | None) -> tuple[Specification, list[float]]:
+    """Return the text, and the seconds of each translation.
 
     Raises `NotExpressible` if the text assumes that no event is late.
     """
@@ -468,8 +495,8 @@ def _translated(cell: Cell, limit: int | None) -> tuple[str, Metrics, float, fro
         made = backend(cell.language).translate(tree, cell.semantics, limit=limit)
         times.append(thread_time() - start)
     if Assumption.ORDER in made.assumes:
-        raise NotExpressible(NO_LATE_EVENTS)
-    return made.text, made.metrics, median(times), made.assumes
+        raise NotExpressible(unwritten(NO_LATE_EVENTS))
+    return dataclasses.replace(made, reader=None), times  # a reader cannot pass between processes
 
 
 class Run(NamedTuple):
@@ -485,10 +512,59 @@ class Run(NamedTuple):
     walks: int
     differing: int
     whole: bool = False
+    external: bool = False
+
+
+def _installed(language: str) -> bool:
+    """Return whether the program of a language without a reader is there."""
+    match language:
+        case "mfotl" | "mtl-r2u2":
+            return bool(os.environ.get(_PATHS[language]))
+        case "match-recognize":
+            return find_spec("pyflink") is not None
+        case _:
+            return False
+
+
+def _ran_outside(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
+    """Run the walks in the program of a language without a reader; its processor time counts."""
+    left_open: Callable[[Sequence[Json]], str] = lambda _: ""  # noqa: E731
+    ask: Callable[[Sequence[Sequence[Json]]], Sequence[int | None]]
+    path = Path(os.environ.get(_PATHS.get(cell.language, ""), ""))
+    match cell.language:
+        case "mfotl":
+            left_open, ask = (
+                MfotlHeader.read(text).left_open,
+                partial(monpoly.first_detections, path, text, timeout=_EACH),
+            )
+        case "mtl-r2u2":
+            ask = partial(r2u2.first_detections, path, text, timeout=_EACH)
+        case "match-recognize":
+            left_open = RowHeader.read(text).left_open
+            ask = lambda traces: flink.first_detections([(text, traces)])[0]  # noqa: E731
+        case _:
+            raise AssertionError(cell.language)
+    decidable = [walk for walk in trodden if not left_open(walk.events)]
+    start = _children()
+    try:
+        found = ask([walk.events for walk in decidable])
+    except subprocess.TimeoutExpired as error:
+        raise _Unmeasurable(Outcome.TIMEOUT, f"no answer within {error.timeout:g} s for one trace", None) from None
+    seconds = _children() - start
+    differing = sum(number != walk.detection for number, walk in zip(found, decidable, strict=True))
+    events = sum(len(walk.events) for walk in decidable)
+    return Run(0.0, seconds, events, len(decidable), differing, whole=True, external=True)
+
+
+def _children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
     """Read the text, and run each walk from the start to its final verdict, with one reader."""
+    if not backend(cell.language).readable:
+        return _ran_outside(cell, text, trodden)
     _warm_up(cell.language, cell.semantics)
     start = thread_time()
     reader = backend(cell.language).read(text)
@@ -516,18 +592,18 @@ def _ran(cell: Cell, text: str, trodden: Sequence["Walk"]) -> Run:
     return Run(reading, seconds, events, len(trodden), differing)
 
 
-def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[Run, float]:
-    """Return the first run of all walks by one reader, and the median seconds of later runs.
+def _ran_again(cell: Cell, text: str, trodden: Sequence["Walk"]) -> tuple[Run, list[float]]:
+    """Return the first run of all walks by one reader, and the seconds of each later run.
 
     For whole traces the first run counts, because programs cache answers.
     """
     first = _ran(cell, text, trodden)
     if first.whole:
-        return first, first.seconds
+        return first, [first.seconds]
     times = [first.seconds]
     while len(times) < 2 or (len(times) < ROUNDS and sum(times) < PATIENCE):
         times.append(_ran(cell, text, trodden).seconds)
-    return first, median(times[1:])
+    return first, times[1:]
 
 
 @contextmanager
@@ -541,7 +617,12 @@ def no_collection() -> Iterator[None]:
 
 
 def _speed(events: int, seconds: float) -> float | None:
-    return _rounded(events / seconds) if events and seconds else None
+    return _rounded(events / seconds) if events >= EVENTS and seconds else None
+
+
+def _spread(several: Sequence[float]) -> float | None:
+    """Return the largest less the smallest, or None for one number."""
+    return _rounded(max(several) - min(several)) if len(several) > 1 else None
 
 
 def _rounded(number: float) -> float:

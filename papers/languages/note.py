@@ -5,10 +5,11 @@ from pathlib import Path
 from typing import Final
 
 from papers.languages.findings import SECTIONS, Finding
-from papers.languages.measurement import Measurement, Outcome
+from papers.languages.measurement import EVENTS, PROGRAMS, Measurement, Outcome
 from papers.languages.tables import milliseconds, unable
 from rvaft.backend import backend
 from rvaft.capabilities import table
+from rvaft.errors import Cause
 from rvaft.export.latex import escaped
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
@@ -34,6 +35,8 @@ TREES: Final = (
 """Trees that need increasing capabilities: files in `trees/`, described by their first lines."""
 SHORT: Final = (2, 3, 4, 6, 8)
 """The numbers of children in the short table; VOT with half of them."""
+_CAUSES: Final = {Cause.LANGUAGE: "beyond the language", Cause.WRITER: "not written by rvaft"}
+_ANSWERS: Final = {Cause.LANGUAGE: "no", Cause.WRITER: "-"}
 FEW: Final = 5
 """Number of children in the tables of sizes and times: the most within all limits."""
 
@@ -54,12 +57,14 @@ One set of attack-fault trees is translated into {languages} specification langu
 | semantics | `strict`, `projected`, `consecutive`, `scattered` |
 | languages | {names} |
 
-There are {count} measurements: {outcomes}. Each runs in its own process. Automata are limited to
+There are {count} measurements: {outcomes}. Of the texts, {extended:,} use an extension of rvaft, which
+other programs of the language do not read. Each measurement runs in its own process. Automata are limited to
 {limit:,} states, other languages to the default limit of `rvaft emit`. [Compare
-languages](../../docs/how-to/compare.md) defines the measures. Every text with a reader must give the engine's verdicts
-on the timed traces.
+languages](../../docs/how-to/compare.md) defines the measures. Every text that is run must give the engine's verdicts
+on the timed traces. {outside}
 
-`python -m papers.languages` repeats all measurements and writes this page; `--resume` continues.
+`python -m papers.languages` repeats all measurements and writes this page; `--resume` continues. `--claims`
+lists what a language cannot express, with the page that has the argument.
 
 | file | content |
 | --- | --- |
@@ -70,8 +75,15 @@ on the timed traces.
 
 ## RQ1: expressiveness
 
-All trees are under `scattered`; the last rows count the trees that a language expresses under each
-semantics. A number refers to the reason below the table.
+All trees are under `scattered`; the last rows count the trees that have a text under each semantics, and
+after `+` those whose text uses an extension of rvaft.
+
+| cell | meaning |
+| --- | --- |
+| yes | a text in the language as it is |
+| slices, time variables | a text with this extension of rvaft: its header has variables over several events |
+| no (n) | the language cannot express it, for reason n below; its page has the argument |
+| - (n) | rvaft does not write it, for reason n; this says nothing of the language |
 
 """
 _SEEN: Final = """
@@ -88,7 +100,8 @@ _TABLES: Final = """
 ## RQ3: times at {few} children
 
 Under `scattered`, which all languages except the paper's translation express. Languages with * report
-detections only: their programs read whole traces. {emitted} have no reader.
+detections only: their programs read whole traces. A time has after ± the difference of the longest and the
+shortest of its runs, if there are several. There is no speed of fewer than {events} events.
 """
 _THREATS: Final = """
 ## Threats to validity
@@ -105,10 +118,10 @@ _THREATS: Final = """
 """
 _LEGEND: Final[Mapping[str, Callable[[Measurement], str]]] = {
     "Symbols": lambda row: "-" if row.symbols is None else f"{row.symbols:,}",
-    "Milliseconds to translate": lambda row: _milliseconds(row.seconds),
+    "Milliseconds to translate": lambda row: _spread(_milliseconds(row.seconds), _milliseconds(row.seconds_spread)),
     "Thousands of events per second, by a reader that has read these traces before, or (*) reads "
     "all of them at once": (
-        lambda row: _thousands(row.again_per_second)
+        lambda row: _spread(_thousands(row.again_per_second), _thousands(row.again_spread))
     ),
 }  # fmt: skip
 
@@ -117,9 +130,18 @@ def note(rows: Sequence[Measurement], limit: int) -> str:
     """Return the page in Markdown."""
     most = max(row.children or 0 for row in rows)
     names = languages(rows)
-    counts = [(outcome, sum(row.ended is outcome for row in rows)) for outcome in Outcome]
+    counts: list[tuple[str, int]] = []
+    for outcome in Outcome:
+        if outcome is Outcome.NOT_EXPRESSIBLE:
+            counts += [(words, sum(row.cause is cause for row in rows)) for cause, words in _CAUSES.items()]
+        else:
+            counts.append((outcome, sum(row.ended is outcome for row in rows)))
     outcomes = ", ".join(f"{count:,} {outcome}" for outcome, count in counts if count)
-    emitted = [name for name in names if any(row.only_emitted for row in rows if row.language == name)]
+    outside = []
+    for name, program in PROGRAMS.items():
+        texts = [row for row in rows if row.language == name and row.result is Outcome.OK]
+        run = sum(not row.only_emitted for row in texts)
+        outside.append(f"{program} ran {run:,} of the {len(texts):,} texts of `{name}`.")
     head = _HEAD.format(
         languages=len(names),
         most=most,
@@ -128,12 +150,14 @@ def note(rows: Sequence[Measurement], limit: int) -> str:
         count=f"{len(rows):,}",
         outcomes=outcomes,
         limit=limit,
+        extended=sum(bool(row.extension) for row in rows),
+        outside=" ".join(outside),
     )
     parts = [head, _lines(_markdown(*expressible(rows))), _SEEN]
     for title, findings in SECTIONS.items():
         parts += [f"\n### {title}\n\n", *(_finding(finding, rows) for finding in findings)]
     parts += [_LIMITS, _lines(_large([row for row in rows if row.gate is not None]))]
-    parts.append(_TABLES.format(few=FEW, emitted=", ".join(f"`{name}`" for name in emitted)))
+    parts.append(_TABLES.format(few=FEW, events=EVENTS))
     return "".join([*parts, _lines(_sizes_and_times(rows)), _THREATS])
 
 
@@ -166,16 +190,23 @@ def expressible(rows: Sequence[Measurement]) -> tuple[list[list[str]], list[str]
 
     def cell_text(row: Measurement) -> str:
         if row.result is Outcome.NOT_EXPRESSIBLE:
-            return str(reasons.setdefault(row.reason, len(reasons) + 1))
-        return "yes" if _is_said(row) else "other verdicts" if row.differing else str(row.ended)
+            assert row.cause is not None
+            return f"{_ANSWERS[row.cause]} ({reasons.setdefault(row.reason, len(reasons) + 1)})"
+        if _is_said(row):
+            return row.extension or "yes"
+        return "other verdicts" if row.differing else str(row.ended)
 
     found = [["tree", *names]]
     for tree in TREES:
         title = (FOLDER / "trees" / f"{tree}.rvaft").read_text(encoding="utf-8").splitlines()[0].strip("/ .")
         found.append([title, *(cell_text(cells[tree, Semantics.SCATTERED, name]) for name in names)])
     for semantics in Semantics:
-        can = (sum(_is_said(cells[tree, semantics, name]) for tree in TREES) for name in names)
-        found.append([f"{semantics}, of {len(TREES)}", *map(str, can)])
+        said = {name: [row for tree in TREES if _is_said(row := cells[tree, semantics, name])] for name in names}
+        extended = {name: sum(bool(row.extension) for row in some) for name, some in said.items()}
+        can = (
+            f"{len(said[name]) - extended[name]}{f' + {extended[name]}' if extended[name] else ''}" for name in names
+        )
+        found.append([f"{semantics}, of {len(TREES)}", *can])
     runs = (_told([row for row in rows if row.language == name]) for name in names)
     found.append(["verdicts of a run", *runs])
     return found, list(reasons)
@@ -186,7 +217,7 @@ def _is_said(row: Measurement) -> bool:
 
 
 def _told(rows: Sequence[Measurement]) -> str:
-    if any(row.only_emitted for row in rows):
+    if all(row.only_emitted for row in rows if row.result is Outcome.OK):
         return "emitted"
     return "detections only" if any(row.detections_only for row in rows) else "all"
 
@@ -235,7 +266,7 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
     r"""Return the table of expressiveness for LaTeX, as an `\input`, with the reasons below it."""
     heading, *others = ([escaped(cell) for cell in line] for line in cells)
     turned = " & ".join(rf"\rotatebox{{90}}{{{name}}}" for name in heading[1:])
-    rotated_cells = ("emitted", "detections only", "all")
+    rotated_cells = ("emitted", "detections only", "all", "slices", "time variables")
     rotated = ([rf"\rotatebox{{90}}{{{cell}}}" if cell in rotated_cells else cell for cell in line] for line in others)
     lines = [" & ".join(line) + r" \\" for line in rotated]
     below = " ".join(f"({number}) {escaped(reason.replace('`', ''))}." for number, reason in enumerate(reasons, 1))
@@ -245,8 +276,9 @@ def expressible_tex(cells: Sequence[Sequence[str]], reasons: Sequence[str]) -> s
             r"\begin{table*}[htbp]",
             r"\centering",
             (
-                r"\caption{Which language can express which tree under scattered, and why not; "
-                r"below it, how many of the trees under each semantics.}"
+                r"\caption{Which language has a text for which tree under scattered: as it is (yes), by an extension "
+                r"of rvaft (its name), not as the language cannot (no) or rvaft does not write it (-); "
+                r"below it, how many of the trees under each semantics, after + by extension.}"
             ),
             r"\label{tab:languages-expressible}",
             r"\footnotesize\setlength{\tabcolsep}{3.5pt}",
@@ -310,6 +342,10 @@ def _sizes_and_times(rows: Sequence[Measurement]) -> Iterator[str]:
             its: Mapping[str, Measurement] = {row.language: row for row in chosen if row.gate is gate}
             if its:
                 yield f"| {next(iter(its.values())).tree} | " + " | ".join(cell(its[name]) for name in has) + " |"
+
+
+def _spread(number: str, spread: str) -> str:
+    return number if spread == "-" else f"{number} ± {spread}"
 
 
 def _milliseconds(seconds: float | None) -> str:

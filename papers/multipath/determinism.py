@@ -15,6 +15,7 @@ from typing import Final, NamedTuple
 from backends.automaton.hoa_reader import HoaProgram, program
 from backends.automaton.letters import FeasibleLetters
 from rvaft import RVAFT, NotExpressible, Semantics, Verdict, translate
+from rvaft.errors import unwritten
 from rvaft.model.expressions import guard_text
 from rvaft.support.bits import bits
 
@@ -60,7 +61,7 @@ class Machine:
 def machine(tree: RVAFT, semantics: Semantics) -> Machine:
     """Return the minimal automaton of a tree; raises `NotExpressible` and `TooLarge`."""
     if tree.ignores:
-        raise NotExpressible("`ignore` is not covered here")
+        raise NotExpressible(unwritten("`ignore` is not covered here"))
     read = program(translate(tree, "automaton", semantics=semantics).text, None)
     letters = [*_letters(tree, read)]
     numbers, rows = {0: 0}, list[list[int]]()
@@ -82,7 +83,7 @@ def _letters(tree: RVAFT, read: HoaProgram) -> Iterator[tuple[frozenset[int], Le
     """Yield each letter with the propositions that hold, the irrelevant event first."""
     known = {tree.pattern(node.name): node.name if node.on is None else node.on.event for node in tree.top_down()}
     if not all(pattern in known for pattern, _ in read.events.values()):
-        raise NotExpressible("a proposition of the automaton is no event of a node")
+        raise NotExpressible(unwritten("a proposition of the automaton is no event of a node"))
     places = [*read.events]
     guards = [*read.guards]
     names = read.table.names

@@ -213,6 +213,8 @@ class Property:
     """The tree as given, with its restriction to a branch or kind."""
     assumes: frozenset[Assumption] = frozenset()
     """The assumptions that a text may rely on."""
+    extensions: tuple[str, ...] = ()
+    """The extensions of the language that a text needs."""
     resolved: bool = False
     """Whether a pass has made all choices, so that each alternative belongs to one branch."""
 

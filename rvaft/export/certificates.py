@@ -16,7 +16,7 @@ from rvaft.backend import Backend, Observed, Specification
 from rvaft.core.branches import branch as numbered
 from rvaft.core.solver import witness
 from rvaft.core.times import untimed
-from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing
+from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing, unwritten
 from rvaft.export.interchange import condition_json, json_text, pattern_json, time_json
 from rvaft.model import guards, patterns
 from rvaft.model.event_time import EventTime
@@ -46,7 +46,7 @@ def part_options(tree: RVAFT, semantics: Semantics, branch: int | None, kind: Ki
     """
     if (part := tree.part_of) is not None:
         if branch is not None or kind is not None:
-            raise NotExpressible("a part of a part of a tree")
+            raise NotExpressible(unwritten("a part of a part of a tree"))
         tree, branch, kind = part.tree, part.branch, part.kind
     narrowed = [] if branch is None else ["--choose", json.dumps(dict(numbered(tree, branch).choices))]
     return tree, ["--semantics", semantics, *narrowed, *([] if kind is None else ["--kind", kind])]
@@ -95,7 +95,7 @@ class EventConditions:
             return ["and"]
         own, asked = {*patterns.variables(one.pattern)}, {*guards.variables(one.when)}
         if not asked <= own | shared or not shared <= own | asked or any(name.startswith("_") for name in shared):
-            raise NotExpressible("a guard has variables that its event does not bind")
+            raise NotExpressible(unwritten("a guard has variables that its event does not bind"))
         return self._number({"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)})
 
     def atom(self, pattern: patterns.Pattern, when: Iterable[guards.Guard] = ()) -> Json:

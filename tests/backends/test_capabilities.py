@@ -6,12 +6,13 @@ from typing import Any, ClassVar
 import pytest
 
 from backends.conformance import GROUPS
-from rvaft import Backend, Metrics, NotExpressible, Semantics, ToolFailed, loads
-from rvaft.backend import SpecificationText
-from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value, described
+from rvaft import Backend, Metrics, NotExpressible, Semantics, ToolFailed, loads, translate
+from rvaft.backend import SpecificationText, backend
+from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value, described, table
 from rvaft.core.branches import restrict
 from rvaft.core.passes import expand_times, order_ends, windows_to_guards
 from rvaft.core.property import PARTS, All, Condition, Event, Property
+from rvaft.errors import Cause, Reason, WrongType, cannot, unwritten
 from rvaft.model.guards import Operator
 from tests.cli.runs import run
 
@@ -56,7 +57,7 @@ def test_a_backend_that_lists_nothing_expresses_single_events_alone() -> None:
     assert Bare().translate(loads("r;"), Semantics.SCATTERED).text == "scattered 100: Event"
     assert Bare().translate(loads("r;"), Semantics.SCATTERED, limit=7).text == "scattered 7: Event"
     assert str(refusal(Bare(), "r;", "strict")) == (
-        "bare cannot express this tree under strict: the language does not support this semantics"
+        "rvaft does not write this tree in bare under strict: the backend does not write this semantics"
     )
 
 
@@ -69,7 +70,7 @@ def test_it_refuses_every_construct_by_name(text: str, word: str) -> None:
 
 def test_a_refusal_names_the_nodes() -> None:
     found = refusal(Bare(), "r and a b; b times 3;")
-    assert str(found).endswith("the language has no events in any order (`and`) (at r)")
+    assert str(found).endswith("the backend writes no events in any order (`and`) (at r)")
 
 
 @pytest.mark.parametrize(("operator", "guard"), GUARDS.items(), ids=map(str, GUARDS))
@@ -101,6 +102,7 @@ def test_a_guard_that_decides_relevance_is_checked_where_relevance_counts() -> N
     [
         ("r and a b; a on e(X); b on f(X);", "variables over several events: variable X"),
         ("r and a b; a on e(X); b on f(Y) when Y > X;", "variables over several events: a guard over several events"),
+        ('r and a b when X == "u"; a on e(X); b on f(X);', "values that guards and types leave: variable X"),
     ],
 )
 def test_what_ties_events_is_refused_unless_it_is_listed(text: str, reason: str) -> None:
@@ -149,10 +151,57 @@ def test_what_passes_leave_behind_is_refused() -> None:
 
 def test_reasons_of_a_language_replace_the_general_ones() -> None:
     class Reasoned(Bare):
-        reasons: ClassVar[Mapping[Any, str]] = {All: "all of it at once is too much", Semantics: "it skips events"}
+        reasons: ClassVar[Mapping[Any, Reason]] = {
+            All: cannot("all of it at once is too much"),
+            Semantics: unwritten("it skips events"),
+        }
 
-    assert refusal(Reasoned(), "r and a b;").reason == "all of it at once is too much"
-    assert refusal(Reasoned(), "r;", "strict").reason == "it skips events"
+    found = refusal(Reasoned(), "r and a b;")
+    assert (found.reason, found.cause) == ("all of it at once is too much", Cause.LANGUAGE)
+    assert str(found) == "bare cannot express this tree under scattered: all of it at once is too much (at r)"
+    found = refusal(Reasoned(), "r;", "strict")
+    assert (found.reason, found.cause) == ("it skips events", Cause.WRITER)
+    assert str(found) == "rvaft does not write this tree in bare under strict: it skips events"
+
+
+def test_a_refusal_without_a_cause_is_an_error_of_the_backend() -> None:
+    with pytest.raises(WrongType, match=r"the reason of a refusal must be cannot\(…\) or unwritten\(…\)"):
+        NotExpressible("too much")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("text", "language", "cause"),
+    [
+        ("r and a b; a on e(X); b on f(X);", "mtl", Cause.LANGUAGE),
+        ("r and a b; a on e(X); b on f(Y) when Y > X;", "stix", Cause.LANGUAGE),
+        ("r and a b when X in (1, 2); a on e(X); b on f(X);", "mtl", Cause.WRITER),
+        ("r and a b; a on e(X); b on f(Y) when Y == 1 or X == 1;", "mtl", Cause.WRITER),
+        ("r and a b; a on e(X); b on f(Y) when X * Y == 0;", "mtl", Cause.WRITER),
+        ("event t(v: boolean) = { v: v }; assume types; r and a b; a on t(X); b on t(X);", "mtl", Cause.WRITER),
+        ("r or a; a on e(null);", "stix", Cause.LANGUAGE),
+        ("r or a; a on e(null);", "eql", Cause.LANGUAGE),
+        ("time t as s; r sand a b within 5 s;", "mtl-r2u2", Cause.WRITER),
+        ("time t as s; r sand a b when at(b) >= at(a) + 5 s;", "mtl", Cause.WRITER),
+    ],
+)
+def test_a_language_cannot_what_no_text_of_it_could(text: str, language: str, cause: Cause) -> None:
+    assert refusal(backend(language), text).cause is cause
+
+
+def test_an_extension_is_told_of_a_text_and_in_the_table() -> None:
+    for name in ("automaton", "ltlf"):
+        found = {
+            text: translate(loads(EVENTS + text), name, semantics="scattered").extensions
+            for text in ("r sand a b;", "r sand a b; a on e(X); b on e(X);", "time t as s; r and a b within 5 s;")
+        }
+        assert [*found.values()] == [(), ("slices",), ("time variables",)]
+    assert (
+        translate(loads(f"{EVENTS} r and a b; a on e(X); b on e(X);"), "mfotl", semantics="scattered").extensions == ()
+    )
+    rows = {row[0]: row for row in table({name: backend(name).capabilities() for name in ("ltlf", "mtl", "sigma")})}
+    assert rows["variables over any events"][1:] == ("slices", "no", "-")
+    assert rows["windows (`within`)"][1:] == ("time variables", "yes", "yes")
+    assert rows["guards (`when`)"][1:] == ("yes", "yes", "assume types")
 
 
 @pytest.mark.parametrize("text", ["ignore e(1); r;", "r or a b; a; b on e(1);"])
@@ -161,7 +210,7 @@ def test_a_value_that_decides_relevance_is_checked_where_relevance_counts(text: 
         says = frozenset(PARTS)
         semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.PROJECTED})
 
-    with pytest.raises(NotExpressible, match="the language has no numbers"):
+    with pytest.raises(NotExpressible, match="the backend writes no numbers"):
         Wide().translate(restrict(loads(EVENTS + text), branch=1), Semantics.PROJECTED)
 
 

@@ -35,6 +35,7 @@ from rvaft.capabilities import JSON_VALUES, Feature, Ties
 from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.property import PARTS, Part, Property
+from rvaft.errors import unwritten
 from rvaft.model.event_time import TextFormat
 from rvaft.model.guards import Operation, Operator, walk
 from rvaft.model.patterns import Pattern, SomeItem
@@ -177,7 +178,7 @@ class Odd(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         if not self.made:
-            raise NotExpressible(f"no {prop.tree} under {semantics}, whatever the limit {limit}")
+            raise NotExpressible(unwritten(f"no {prop.tree} under {semantics}, whatever the limit {limit}"))
         if self.made == "another":
             return SpecificationText(f"{prop.tree} {limit} {next(NUMBERS)}", Metrics(0))
         return SpecificationText(self.made, Metrics(1))

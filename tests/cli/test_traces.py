@@ -149,7 +149,7 @@ def test_a_log_for_a_language_is_about_what_it_can_say() -> None:
     failed(
         run("traces", SAND, "--format", "eql", "--semantics", "strict"), "--format eql requires the semantics scattered"
     )
-    failed(run("traces", PRUNED, "--format", "stix"), "stix cannot express this tree")
+    failed(run("traces", PRUNED, "--format", "stix"), "rvaft does not write this tree in stix")
 
 
 def test_a_mapping_is_for_logs_that_have_objects(tmp_path: Path) -> None:

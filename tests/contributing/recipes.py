@@ -95,7 +95,7 @@ from typing import ClassVar
 
 from rvaft.backend import Backend, Metrics, SpecificationText
 from rvaft.core.property import Event, Part, Property, Sequence
-from rvaft.errors import NotExpressible, TooLarge
+from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.verdict import Semantics, Verdict
 
@@ -143,7 +143,7 @@ def conditions(path: str, pattern: Pattern, node: str) -> list[str]:
         case Variable() | Anything() if path:
             return [f"exists({path}?)"]
         case _:
-            raise NotExpressible("a filter of EPL asks for texts in properties", nodes=[node])
+            raise NotExpressible(unwritten("a filter of EPL asks for texts in properties"), nodes=[node])
 '''
 BACKEND: Final[Recipe] = {
     "class": [Edit("backends/esper.py", "", ESPER)],

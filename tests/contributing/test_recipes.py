@@ -76,12 +76,12 @@ def test_an_operator_works_and_every_backend_refuses_it(made: Made) -> None:
     status = agrees(copy, tree, *faithful)
     assert {found for (_, name), found in status.items() if name in faithful} == {"not expressible"}
     guarded = [name for name in all_backends() if Condition in backend(name).capabilities().constructs]
-    refused(copy, "the language has no operator `length`", f"{SAY}top on say(X) when length(X);", *guarded)
-    refused(copy, backend("sigma").reasons[Condition], f"{SAY}top on say(X) when length(X);", "sigma")
+    refused(copy, "the backend writes no operator `length`", f"{SAY}top on say(X) when length(X);", *guarded)
+    refused(copy, backend("sigma").reasons[Condition].text, f"{SAY}top on say(X) when length(X);", "sigma")
     emitted = copy.rvaft("emit", tree, "--to", "eql", "--semantics", "scattered")
-    assert emitted.stderr.endswith("the language has no operator `length` (at b)\n"), emitted
+    assert emitted.stderr.endswith("the backend writes no operator `length` (at b)\n"), emitted
     report = copy.python(conformance("length", "automaton"))
-    assert "8 times: the language has no operator `length`" in report.stdout, report
+    assert "8 times: the backend writes no operator `length`" in report.stdout, report
 
 
 @pytest.mark.slow
@@ -144,7 +144,7 @@ def test_a_language_without_the_parts_of_a_gate_refuses_it(made: Made) -> None:
     listed = "frozenset[type[Part]]] = GATES"
     copy.edit(Edit("backends/automaton/backend.py", listed, " - {Sequence}"))
     copy.edit(Edit("backends/automaton/backend.py", "from rvaft.core.property import ", "Sequence, "))
-    refused(copy, "the language has no events in order (`sand`)", INHIBIT, "automaton")
+    refused(copy, "the backend writes no events in order (`sand`)", INHIBIT, "automaton")
 
 
 @pytest.mark.parametrize(
@@ -198,7 +198,7 @@ for tree, reason in {REFUSED!r}.items():
     try:
         print(rvaft.translate(rvaft.loads(tree), "esper", semantics="scattered").text)
     except rvaft.NotExpressible as refusal:
-        assert refusal.reason.startswith(f"the language has {{reason}}"), refusal
+        assert refusal.reason.startswith(f"the backend writes {{reason}}"), refusal
     else:
         raise AssertionError(tree)
 for semantics in ("strict", "projected", "consecutive"):

@@ -33,6 +33,7 @@ from rvaft import (
     loads,
 )
 from rvaft.backend import Observed
+from rvaft.errors import unwritten
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
 from rvaft.support.budget import Expired, within
@@ -114,7 +115,7 @@ def absent(error: RvaftError) -> Enlist:
     return lambda: Absent(error)
 
 
-NO_GATES = NotExpressible("no gates", backend="x", semantics="strict")
+NO_GATES = NotExpressible(unwritten("no gates"), backend="x", semantics="strict")
 TOLERANT = outside(lambda v: Answer(tuple(map(wrong, v)), deviations=("tolerance",)))
 ENDS: Final[dict[str, tuple[Enlist, str]]] = {
     # who takes part, and what is said of it: how that begins is the status; `~` is what is counted

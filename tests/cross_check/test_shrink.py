@@ -22,6 +22,7 @@ from cross_check.shrink import NotReproduced, shrink
 from rvaft import RVAFT, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, load, loads
 from rvaft.core.branches import restrict
 from rvaft.engine import Engine
+from rvaft.errors import unwritten
 from rvaft.model.guards import time_points
 from rvaft.model.patterns import Literal
 from rvaft.model.values import Json
@@ -193,7 +194,7 @@ def test_the_way_does_not_depend_on_hashing() -> None:
 def test_errors_of_rvaft_are_no_disagreement_and_others_come_through() -> None:
     def only_large(tree: RVAFT, _trace: Trace) -> bool:
         if len(tree.nodes) < 3:
-            raise NotExpressible("too small", backend="none", semantics="strict")
+            raise NotExpressible(unwritten("too small"), backend="none", semantics="strict")
         return True
 
     tree, trace = shrink(loads("top sand a b c d;"), word("a b"), only_large)

@@ -16,7 +16,7 @@ from typing import Any, Final, TypeAlias
 from backends.rml.reader import syntax as s
 from backends.rml.reader.parser import parse
 from rvaft.backend import Observed
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model import guards as g
 from rvaft.model import patterns as p
 from rvaft.model.guards import Guard, Operation, Operator
@@ -259,11 +259,11 @@ def alternatives_of(program: s.RmlProgram, declaration: s.Declaration, use: s.Ty
             program.declared.get(s.signature(each), ()) for each in one.alternatives if isinstance(each, s.TypeUse)
         )
     if any(one.negated for one in derived):
-        raise NotExpressible("an event type is derived from a negated one")
+        raise NotExpressible(unwritten("an event type is derived from a negated one"))
     try:
         questions.ask(questions.declared_ways(declaration, use, {name: p.Variable(name) for name in use.variables}))
     except _Unknown:
-        raise NotExpressible("an event type is no pattern with a guard") from None
+        raise NotExpressible(unwritten("an event type is no pattern with a guard")) from None
     return questions.found
 
 

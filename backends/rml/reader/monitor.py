@@ -28,7 +28,7 @@ from backends.rml.reader.syntax import (
     signature,
 )
 from backends.rml.reader.terms import RmlTerm, TermTable, is_open, mark
-from rvaft.errors import NotExpressible, TooLarge
+from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.export.certificates import EventConditions
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Verdict
@@ -105,7 +105,7 @@ def formal(text: str) -> dict[str, Any]:
             derived = _derived(one, use)
             if one.negated or (derived and not one.parameters and one.guard is None):
                 if derived is None or one.guard is not None:
-                    raise NotExpressible("an event type negates a pattern or a guard")
+                    raise NotExpressible(unwritten("an event type negates a pattern or a guard"))
                 either: Json = ["or", *map(test, derived)]
                 alternatives.append(["not", either] if one.negated else either)
             else:
@@ -123,10 +123,12 @@ def formal(text: str) -> dict[str, Any]:
             case Expression("call", data=(name, (), ())) if not shared or name != "Main":
                 return ["call", place[name]]
             case _:
-                raise NotExpressible("the text has an operator or a use of variables that is not in the formal syntax")
+                raise NotExpressible(
+                    unwritten("the text has an operator or a use of variables that is not in the formal syntax")
+                )
 
     if any(equation.parameters for equation in reachable):
-        raise NotExpressible("an equation of the text has parameters")
+        raise NotExpressible(unwritten("an equation of the text has parameters"))
     bodies = [main, *(equation.body for equation in reachable[1:])]
     equations: list[Json] = [fold(body, term, lambda part: part.parts) for body in bodies]
     return events.text("rml", {"variables": [*shared], "equations": equations})

@@ -10,7 +10,7 @@ from backends.rml.writer.letters import RmlLetters, closed
 from backends.rml.writer.terms import Written, around, symbols
 from rvaft.core.patterns import Overlaps, implies
 from rvaft.core.property import Property
-from rvaft.errors import NotExpressible, TooLarge
+from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
@@ -40,7 +40,7 @@ def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str,
         nodes = [n for n, own in zip(letters.nodes, letters.variables, strict=True) if own & set(names)]
         why = "any event may be skipped" if semantics is Semantics.SCATTERED else "a match may begin at any event"
         reason = f"{why}, so {names[0]} may have several values at once, and RML tracks one"
-        raise NotExpressible(reason, nodes=nodes)
+        raise NotExpressible(unwritten(reason), nodes=nodes)
     main, made = _property(letters, semantics, limit)
     main = around(main, ">>", _relevant(letters)) if semantics.projects else main
     body = "\n".join(f"{name} = {term};" for name, term in [("Main", main), *made])

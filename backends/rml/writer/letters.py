@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeAlias
 from backends.rml.writer.event_types import NEVER, Call, Inexpressible, RmlTypes, is_register, when_true
 from backends.rml.writer.terms import Written, named
 from rvaft.core.property import Condition, Property
-from rvaft.errors import NotExpressible
+from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, conjuncts, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Argument, On
@@ -100,7 +100,7 @@ class RmlLetters:
         try:
             return when_true(guard)
         except Inexpressible as error:
-            raise NotExpressible(str(error), nodes=[node]) from None
+            raise NotExpressible(unwritten(str(error)), nodes=[node]) from None
 
     def letter(self, index: int, registers: Mapping[str, str], conditions: Iterable[Condition]) -> RmlLetter | None:
         """Return the letter of an occurrence under conditions, or None if no event can satisfy it.

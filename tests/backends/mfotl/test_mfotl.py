@@ -36,6 +36,14 @@ def test_texts(tree: str, text: str) -> None:
     assert emitted(tree) == text
 
 
+@pytest.mark.parametrize(("tree", "semantics", "formula"), rows(__file__, "semantics.txt"))
+def test_texts_of_each_semantics(tree: str, semantics: str, formula: str) -> None:
+    """Under `projected` and `consecutive`, `relevant` has an alternative for each node."""
+    header, _, found = backend("mfotl").translate(loads(tree), Semantics(semantics)).text.partition("*)\n")
+    assert found == formula
+    assert ("\nrelevant := " in header) is (semantics != "strict")
+
+
 def test_the_signature_and_the_facts_of_an_event() -> None:
     tree = (
         'time t as s; event p(v, w) = { v: v, w: w }; top sand a b within 1 s; a on p(X, "*) '
@@ -91,12 +99,10 @@ def test_what_a_program_says(tmp_path: Path, script: str, said: list[int | None]
             first_detections(other, text, [trace])
 
 
-def compared(tree: RVAFT, program: Path, text: str | None = None) -> dict[str, Status]:
+def compared(tree: RVAFT, program: Path, semantics: Semantics = Semantics.SCATTERED) -> dict[str, Status]:
     """How a comparison of MonPoly and VeriMon with the reference ends."""
-    roster = comparison.Roster(backends=(), monpoly=program)
-    found = comparison.Comparison(tree, Job("tree", Semantics.SCATTERED), ONE_TREE).run(
-        roster.candidates(tree, Job("tree", Semantics.SCATTERED))
-    )
+    roster, job = comparison.Roster(backends=(), monpoly=program), Job("tree", semantics)
+    found = comparison.Comparison(tree, job, ONE_TREE).run(roster.candidates(tree, job))
     return {one.participant: one.status for one in found}
 
 
@@ -148,9 +154,38 @@ def test_planted_faults_show() -> None:
     all_show(FAULTS, text, lambda edited: first_detections(PROGRAM, edited, traces))
 
 
+FOLLOWING = "event e(k, x) = { k: k, x: x }; ignore e(2, 0); top sand a b; a on e(1, X); b on e(_, X);"
+COUNTS = "((EXISTS i. relevant(i)) AND (NOT (EXISTS i. ignored(i))))"
+FAULTS_OF = {
+    "strict": {"one event later": ("i2 < 2", "i2 < 3"), "one event sooner": ("i2 < 2", "i2 < 1")},
+    "projected": {
+        "not from the first": (f" AND NOT (PREVIOUS (ONCE {COUNTS}))", ""),
+        "ignored events count": (f"(NOT {COUNTS}) SINCE", "(NOT (EXISTS i. relevant(i))) SINCE"),
+        "an ignored event is taken": ("))) AND NOT (EXISTS i. ignored(i)))", "))))"),
+    },
+    "consecutive": {
+        "relevant events are skipped": (f"((NOT {COUNTS}) SINCE ", "(ONCE "),
+        "the event before alone": (f"((NOT {COUNTS}) SINCE ", "("),
+    },
+}
+
+
 @pytest.mark.published
 @published
+@pytest.mark.parametrize("semantics", FAULTS_OF)
+def test_planted_faults_show_under_each_semantics(semantics: str) -> None:
+    tree, random = loads(FOLLOWING), Random("following")
+    text = backend("mfotl").translate(tree, Semantics(semantics)).text
+    events: list[Json] = [{"k": k, "x": x} for k in (1, 2) for x in (0, 1)] + [{}]
+    traces: list[list[Json]] = [[random.choice(events) for _ in range(5)] for _ in range(80)]
+    assert first_detections(PROGRAM, text, traces) == [first(tree, Semantics(semantics), one) for one in traces]
+    all_show(FAULTS_OF[semantics], text, lambda edited: first_detections(PROGRAM, edited, traces))
+
+
+@pytest.mark.published
+@published
+@pytest.mark.parametrize("semantics", Semantics)
 @pytest.mark.parametrize("tree", sorted(TREES.glob("gates/*.rvaft")), ids=lambda path: path.stem)
-def test_the_shipped_gates_are_compared(tree: Path) -> None:
-    found = compared(load(tree), PROGRAM)
+def test_the_shipped_gates_are_compared(tree: Path, semantics: Semantics) -> None:
+    found = compared(load(tree), PROGRAM, semantics)
     assert found["mfotl-monpoly"] is found["mfotl-verimon"] is Status.TESTED

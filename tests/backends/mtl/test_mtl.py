@@ -3,6 +3,8 @@
 import os
 import re
 import stat
+from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 from random import Random
 
@@ -18,6 +20,7 @@ from rvaft import (
     EventType,
     Gate,
     Node,
+    NotExpressible,
     On,
     OptionError,
     RvaftError,
@@ -25,9 +28,12 @@ from rvaft import (
     TooLarge,
     ToolFailed,
     ToolMissing,
+    TraceError,
     loads,
 )
+from rvaft.errors import Cause
 from rvaft.model.patterns import Literal, ObjectPattern
+from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
 from tests.backends.injections import INJECTIONS
@@ -50,6 +56,71 @@ def test_text(text: str, expected: str) -> None:
 def test_what_is_too_deep() -> None:
     with pytest.raises(TooLarge):
         BACKEND.read("not " * 5_000 + "{a: true}")
+
+
+@pytest.mark.parametrize(("text", "semantics", "expected", "bounded"), rows(__file__, "semantics.txt"))
+def test_text_of_each_semantics(text: str, semantics: str, expected: str, bounded: str) -> None:
+    """Relevant events are those of the whole tree, whatever the match."""
+    found = BACKEND.translate(loads(text), Semantics(semantics)).text.splitlines()
+    assert found[-1] == expected
+    assert ("relevant := " in "".join(found)) is ("relevant: true" in expected)
+    other = BOUNDED.translate(loads(text), Semantics(semantics)).text.splitlines()
+    assert other[-1].replace("1073741823", "H") == bounded
+
+
+@pytest.mark.parametrize(("text", "time", "expected"), rows(__file__, "windows.txt"))
+def test_text_of_windows(text: str, time: str, expected: str) -> None:
+    lines = BACKEND.translate(loads(text), SCATTERED).text.splitlines()
+    assert (lines[1], lines[-1]) == (time, expected)
+
+
+@pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "windows_refused.txt"))
+def test_windows_that_are_not_written(text: str, semantics: str, reason: str) -> None:
+    """This claims nothing of the language; the form for R2U2 has no windows."""
+    for language, said in ((BACKEND, reason), (BOUNDED, "R2U2 counts steps, and windows are durations")):
+        with pytest.raises(NotExpressible, match=re.escape(said)) as raised:
+            language.translate(loads(text), Semantics(semantics))
+        assert raised.value.cause is Cause.WRITER
+
+
+DENSE = "/* rvaft\ntime t as s, bounds in ms\n*/\n"
+
+
+@pytest.mark.parametrize(
+    ("formula", "times", "number"),
+    [
+        ("{b: true} and once[0:5000]{a: true}", "a0 b5", 2),
+        ("{b: true} and once[0:5000]{a: true}", "a0 b5.001", None),
+        ("{b: true} and once[0:5000]{a: true}", "a0 b5.0004 b5", None),
+        ("{b: true} and once[0:0]{a: true}", "b7 a7 b7 b7", 3),
+        ("{b: true} and once[0:5000]{a: true}", "a b0 a1 b", None),
+        ("{b: true} and once[0:5000]{a: true}", "a0 b a1 b2", 4),
+        ("{b: true} and once[0:5000]({a: true} and pre({b: true}))", "a0 b1 b2 a3 x3 b4", 6),
+        ("{b: true} and pre({a: true})", "a0 x1 b1 a1 b9", 5),
+        ("{b: true} and ((not {x: true}) since[2000:3000] {a: true})", "a0 b1 x2 b2 a5 b6 b8", 7),
+        ("{x: true} and historically[1000:]({b: true} or {x: true})", "b0 a1 x1 a2 x3", 3),
+        ("{a: true}", "a", 1),
+        ("{a: true}", "", None),
+    ],
+)
+def test_dense_time(formula: str, times: str, number: int | None) -> None:
+    trace: list[Json] = [{"event": one[0], **({"t": float(one[1:])} if one[1:] else {})} for one in times.split()]
+    monitor = BACKEND.read(DENSE + formula)
+    assert isinstance(monitor, DetectionMonitor)
+    if times == "a0 b5.0004 b5":
+        assert monitor.left_open(trace) == "times go backwards"
+        with pytest.raises(TraceError, match="times go backwards"):
+            monitor.first_detections([trace])
+        return
+    assert list(monitor.first_detections([trace, [], trace])) == [number, None, number]
+
+
+def test_times_beyond_the_numbers_of_reelay_are_left_open() -> None:
+    monitor = BACKEND.read(DENSE.replace("ms", "ns") + "{b: true} and once[0:1]{a: true}")
+    assert isinstance(monitor, DetectionMonitor)
+    far = [{"event": "a", "t": 0}, {"event": "b", "t": 40_000_000}]
+    assert monitor.left_open(far) == "the times are too many for the numbers of Reelay"
+    assert monitor.left_open([{"event": "a", "t": 0}, {"event": "b", "t": 4_000}]) == ""
 
 
 @pytest.mark.parametrize(("text", "word", "number"), rows(__file__, "runs.txt"))
@@ -103,6 +174,41 @@ SLIPS = {
     "now for once": ("top sand a b;", "pre(once({p1: true}))", "pre({p1: true})"),
     "an order forgotten": ("top and a b;", " or once({p1: true} and pre(once({p2: true})))", ""),
 }
+SLIPS_OF: Mapping[str, tuple[str, Mapping[str, tuple[str, str]]]] = {
+    "strict": (
+        "top sand a b;",
+        {
+            "not from the start": (" and not pre(({p1: true} or not {p1: true}))", ""),
+            "a gap": ("pre({p1: true} and not pre(({p1: true} or not {p1: true})))", "pre(once({p1: true}))"),
+            "the first alone": (" and pre({p1: true} and not pre(({p1: true} or not {p1: true})))", ""),
+        },
+    ),
+    "projected": (
+        "top or s; s sand a b; ignore e(1); event e(k) = { k: k };",
+        {
+            "not from the first relevant": ("and not pre(once(({relevant: true} and not {ignored: true})))", ""),
+            "ignored events count": (
+                "not ({relevant: true} and not {ignored: true}) since",
+                "not {relevant: true} since",
+            ),
+            "an ignored event is taken": ("{p1: true} and not {ignored: true}", "{p1: true}"),
+            "the next alone": (
+                "(not ({relevant: true} and not {ignored: true}) since (",
+                "(not ({p1: true} or not {p1: true}) since (",
+            ),
+        },
+    ),
+    "consecutive": (
+        "top sand a b c;",
+        {
+            "relevant events are skipped": ("(not {relevant: true} since", "(({p1: true} or not {p1: true}) since"),
+            "a part alone": (
+                " since ({p2: true} and pre((not {relevant: true} since ({p1: true}))))",
+                " since ({p2: true})",
+            ),
+        },
+    ),
+}
 
 
 @pytest.mark.parametrize("slip", SLIPS)
@@ -118,6 +224,92 @@ def test_a_slip_in_the_text_shows(slip: str) -> None:
     assert isinstance(monitor, DetectionMonitor)
     wanted = [signs(Reference(made, Semantics.SCATTERED), trace).find("T") + 1 or None for trace in traces]
     assert list(monitor.first_detections(traces)) != wanted
+
+
+@pytest.mark.parametrize(
+    ("semantics", "slip"), [(semantics, slip) for semantics, (_, slips) in SLIPS_OF.items() for slip in slips]
+)
+def test_a_slip_in_a_form_shows(semantics: str, slip: str) -> None:
+    tree, slips = SLIPS_OF[semantics]
+    made, (right, wrong) = loads(tree), slips[slip]
+    written = BACKEND.translate(made, Semantics(semantics)).text
+    assert right in written
+    letters: list[Json] = [{"event": "a"}, {"event": "b"}, {"event": "c"}, {"event": "a", "k": 1}, {"event": "x"}]
+    traces = [list(trace) for length in range(1, 5) for trace in product(letters, repeat=length)]
+    wanted = [first(made, Semantics(semantics), trace) for trace in traces]
+    for text, same in ((written, True), (written.replace(right, wrong), False)):
+        monitor = BACKEND.read(text)
+        assert isinstance(monitor, DetectionMonitor)
+        assert (list(monitor.first_detections(traces)) == wanted) is same
+
+
+WINDOWED = "time t as s; top and p c; p sand a b within 2 s;"
+WINDOW_SLIPS = {
+    "one unit longer": ("[0:2]", "[0:3]"),
+    "one unit shorter": ("[0:2]", "[0:1]"),
+    "no window": ("[0:2]", ""),
+    "a part forgotten": (" and once({p3: true})", ""),
+}
+
+
+@pytest.mark.parametrize("slip", [None, *WINDOW_SLIPS])
+def test_a_slip_in_a_window_shows(slip: str | None) -> None:
+    made = loads(WINDOWED)
+    text = BACKEND.translate(made, SCATTERED).text
+    right, wrong = ("", "") if slip is None else WINDOW_SLIPS[slip]
+    assert right in text
+    monitor, random = BACKEND.read(text.replace(right, wrong)), Random("window")
+    traces: list[list[Json]] = []
+    for _ in range(60):
+        times = sorted(random.choice([0, 1, 1.5, 2, 3, 4]) for _ in range(random.randint(0, 5)))
+        traces.append(
+            [{"event": random.choice("abc"), **({"t": time} if random.random() < 0.9 else {})} for time in times]
+        )
+    assert isinstance(monitor, DetectionMonitor)
+    wanted = [first(made, SCATTERED, trace) for trace in traces]
+    assert (list(monitor.first_detections(traces)) == wanted) is (slip is None)
+
+
+@pytest.mark.parametrize("semantics", Semantics)
+def test_random_trees(semantics: Semantics) -> None:
+    """The formula detects what the definition does, with choices, votes, sharing and `ignore`."""
+    random, asked = Random(f"mtl {semantics}"), 0
+    while asked < 60:
+        made = random_tree(random, VARIABLE_FREE)
+        try:
+            text = BACKEND.translate(made, semantics, limit=60)
+        except RvaftError:
+            continue
+        traces = [random_trace(random, made) for _ in range(3)]
+        monitor = text.monitor()
+        assert isinstance(monitor, DetectionMonitor)
+        assert list(monitor.first_detections(traces)) == [first(made, semantics, one) for one in traces], text.text
+        asked += len(traces)
+
+
+_PREVIOUS = "{b: true} and pre((not ({a: true} or {b: true})) since "
+_FROM_THE_FIRST = f"{_PREVIOUS}({{a: true}} and not pre(once({{a: true}} or {{b: true}}))))"
+
+
+@pytest.mark.parametrize(
+    ("formula", "semantics"),
+    [
+        ("once({p2: true} and pre((not {p1: true} and not {p2: true}) since {p1: true}))", "consecutive"),
+        (
+            _FROM_THE_FIRST,
+            "projected",
+        ),
+    ],
+)
+def test_formulas_that_people_write_agree(
+    tmp_path_factory: pytest.TempPathFactory, formula: str, semantics: str
+) -> None:
+    folder = tmp_path_factory.mktemp("formula")
+    (folder / "tree.rvaft").write_text(f"semantics {semantics}; top sand a b;")
+    header = '/* rvaft\np1 := { event: "a" }\np2 := { event: "b" }\n*/\n' if "p1" in formula else ""
+    (folder / "rule.mtl").write_text(header + formula)
+    found = run("cross-check", folder / "tree.rvaft", "--against", folder / "rule.mtl", "--backends", "mtl")
+    assert (found.exit_code, found.output.count("detections only")) == (0, 2), found.output
 
 
 def test_a_formula_is_held_against_a_tree(tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -195,11 +387,11 @@ def test_without_r2u2_or_its_compiler_it_is_missing(tmp_path: Path) -> None:
 def test_r2u2_says_what_the_definition_says() -> None:
     random, asked = Random("r2u2"), 0
     while asked < 300:
-        made = random_tree(random, VARIABLE_FREE)
+        made, semantics = random_tree(random, VARIABLE_FREE), random.choice([*Semantics])
         try:
-            text = BOUNDED.translate(made, SCATTERED, limit=30).text
+            text = BOUNDED.translate(made, semantics, limit=30).text
         except RvaftError:
             continue
         traces = [random_trace(random, made) for _ in range(4)]
-        assert first_detections(PROGRAM, text, traces) == [first(made, SCATTERED, trace) for trace in traces], text
+        assert first_detections(PROGRAM, text, traces) == [first(made, semantics, trace) for trace in traces], text
         asked += len(traces)

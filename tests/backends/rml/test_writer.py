@@ -9,7 +9,9 @@ from cross_check.generate.traces import random_trace
 from rvaft.api import loads
 from rvaft.core.branches import restrict
 from rvaft.errors import NotExpressible
+from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
+from rvaft.semantics import Reference
 from tests.backends.texts import agreeing, signs, tree
 from tests.tables import rows
 from tests.trees.shipped import TREES
@@ -95,6 +97,33 @@ def test_what_no_scenario_can_keep_is_not_tried() -> None:
 
 
 # -- refusals ----------------------------------------------------------------------------------------------------------
+
+
+WINDOW = (
+    "time t as ms; event e(k: text, t: integer) = { ev: 1, k: k, t: t }; assume types, present, exact; "
+    'top sand p c; p and a b within 2 s; a on e("a", _); b on e("b", T); c on e("c", _);'
+)
+
+
+@pytest.mark.parametrize("semantics", ["strict", "projected"])
+@pytest.mark.parametrize("bound", [2000, 1999, 2001])
+def test_windows_over_integer_times(semantics: str, bound: int) -> None:
+    """A window one unit off shows."""
+    windowed, random = loads(WINDOW), Random("window")
+    made = RML.translate(windowed, Semantics(semantics))
+    assert made.assumes == windowed.assumes
+    text = made.text.replace("<= 2000", f"<= {bound}")
+    assert text.count(f" <= {bound}") > 0
+    same = True
+    for _ in range(150):
+        start = random.choice([0, 7])
+        times = [start, start + random.choice([1999, 2000, 2001, -2000, -2001]), start]
+        trace: list[Json] = [
+            {"ev": 1, "k": k, "t": t} for k, t in zip(random.choice(["abc", "bac", "acb"]), times, strict=True)
+        ]
+        monitor = RML.read(text)
+        same &= [monitor.step(event) for event in trace] == [*Reference(windowed, Semantics(semantics)).run(trace)]
+    assert same is (bound == 2000)
 
 
 @pytest.mark.parametrize(("described", "branch", "semantics", "words", "nodes"), rows(__file__, "refused.txt"))

@@ -39,7 +39,7 @@ def configured(tree: Path, folder: Path, *options: object) -> Any:
     """The configuration that is written to a folder; nothing is said but of specifications that RML does not have."""
     result = run("rosmonitoring", tree, "-o", folder, *options)
     assert (result.exit_code, result.stdout) == (0, "")
-    assert all("left out: rml cannot express this tree" in line for line in result.stderr.splitlines())
+    assert all("left out: rvaft does not write this tree in rml" in line for line in result.stderr.splitlines())
     return yaml.safe_load((folder / "monitors.yaml").read_text(encoding="utf-8"))
 
 
@@ -182,7 +182,8 @@ def test_a_monitor_that_rml_cannot_express_is_left_out_of_the_specifications_alo
     result = run("rosmonitoring", ROS, "-o", tmp_path, "--semantics", "scattered", "--per", "kind")
     assert (result.exit_code, result.stdout) == (0, "")
     assert [
-        line.split(" left out: rml cannot express this tree under scattered")[0] for line in result.stderr.splitlines()
+        line.split(" left out: rvaft does not write this tree in rml under scattered")[0]
+        for line in result.stderr.splitlines()
     ] == [f"rvaft: warning: {id_}.rml and {id_}.pl" for id_ in KINDS]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["monitors.yaml", "run.txt"]
     assert len(yaml.safe_load((tmp_path / "monitors.yaml").read_text())["monitors"]) == 2

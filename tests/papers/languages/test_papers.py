@@ -8,12 +8,13 @@ from msgspec.structs import replace
 
 from cross_check.results import reason
 from papers.languages import plots
-from papers.languages.__main__ import LANGUAGES, main, texts
+from papers.languages.__main__ import LANGUAGES, PAGES, main, texts
 from papers.languages.findings import FINDINGS, missed
-from papers.languages.measurement import NO_LATE_EVENTS, Measurement, Outcome, default_languages, gate_subjects
+from papers.languages.measurement import EVENTS, NO_LATE_EVENTS, Measurement, Outcome, default_languages, gate_subjects
 from papers.languages.note import FOLDER, TREES, expressible
 from papers.languages.tables import Width, read_rows
 from rvaft import NotExpressible, Semantics, load, translate
+from rvaft.errors import Cause
 from rvaft.model.nodes import Assumption
 
 
@@ -60,11 +61,13 @@ def test_committed_sizes_are_those_of_the_texts(rows: list[Measurement]) -> None
         try:
             made = translate(trees[row.tree], row.language, semantics=row.semantics)
         except NotExpressible as error:
-            ended = (Outcome.NOT_EXPRESSIBLE, reason(error))
+            ended: tuple[object, ...] = (Outcome.NOT_EXPRESSIBLE, reason(error), error.cause, "")
         else:
             late = Assumption.ORDER in made.assumes
-            ended = (Outcome.NOT_EXPRESSIBLE, NO_LATE_EVENTS) if late else (Outcome.OK, "")
-        assert (row.result, row.reason) == ended, row
+            extension = ", ".join(made.extensions)
+            refused = (Outcome.NOT_EXPRESSIBLE, NO_LATE_EVENTS, Cause.WRITER, "")
+            ended = refused if late else (Outcome.OK, "", None, extension)
+        assert (row.result, row.reason, row.cause, row.extension) == ended, row
         if row.result is Outcome.NOT_EXPRESSIBLE:
             continue
         found = made.metrics
@@ -75,9 +78,34 @@ def test_committed_sizes_are_those_of_the_texts(rows: list[Measurement]) -> None
 def test_each_reason_is_told_once(rows: list[Measurement]) -> None:
     table, reasons = expressible(rows)
     assert {len(line) for line in table} == {1 + len(LANGUAGES)}
-    numbers = {cell for line in table[1 : 1 + len(TREES)] for cell in line[1:]} - {"yes"}
+    cells = [cell for line in table[1 : 1 + len(TREES)] for cell in line[1:]]
+    answers = {cell.partition(" (")[0] for cell in cells}
+    assert answers == {"yes", "slices", "time variables", "no", "-"}
+    numbers = {cell.partition(" (")[2].rstrip(")") for cell in cells} - {""}
     assert numbers == {str(number) for number in range(1, len(reasons) + 1)}
-    assert table[-1][1:].count("detections only") == 5
+    assert table[-1][1:].count("all") == 4
+
+
+def test_each_claim_that_a_language_cannot_has_its_argument(
+    rows: list[Measurement], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    claimed = {(row.language, row.reason) for row in rows if row.cause is Cause.LANGUAGE}
+    assert main(["--claims"]) == 0
+    said = capsys.readouterr().out
+    assert all(f"{language}: {claim} (" in said for language, claim in claimed)
+    assert {(row.result is Outcome.NOT_EXPRESSIBLE) == (row.cause is not None) for row in rows} == {True}
+    for page in PAGES.glob("*.md"):
+        (tmp_path / page.name).write_text(page.read_text("utf-8").replace("- **STIX has no null**", "- STIX"), "utf-8")
+    monkeypatch.setattr("papers.languages.__main__.PAGES", tmp_path)
+    monkeypatch.setattr("papers.languages.__main__.ROOT", tmp_path)
+    assert main(["--claims"]) == 1
+    assert "stix: STIX has no null (1 cells): NO ARGUMENT" in capsys.readouterr().out
+
+
+def test_few_events_give_no_speed(rows: list[Measurement]) -> None:
+    few = [row for row in rows if row.events is not None and row.events < EVENTS]
+    assert few
+    assert all(row.events_per_second is row.again_per_second is None for row in few)
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from papers.languages.measurement import ONLY_EMITTED, Measurement, Outcome, def
 from papers.languages.plots import _STYLES, figures, plots
 from papers.languages.tables import COLUMNS, Width, csv_text, latex_text, read_rows, text_lines, unable
 from rvaft import Gate, LanguageError, Semantics
+from rvaft.errors import Cause
 
 ROW = Measurement(
     tree="and 3",
@@ -66,18 +67,19 @@ numbers = st.none() | st.floats(0, 1e12).map(lambda number: float(f"{number:.4g}
 COUNTS = (
     "children threshold symbols subformulas states edges characters events first_events walks differing limit memory"
 )
-NUMBERS = "seconds read_seconds events_per_second again_per_second"
+NUMBERS = "seconds read_seconds events_per_second again_per_second seconds_spread again_spread"
 rows = st.builds(
     Measurement,
     gate=st.none() | st.sampled_from(Gate),
     semantics=st.sampled_from(Semantics),
     result=st.sampled_from(Outcome),
     run=st.none() | st.sampled_from(Outcome),
+    cause=st.none() | st.sampled_from(Cause),
     timeout=st.floats(0.001, 1e6),
     seed=st.integers(),
     **dict.fromkeys(COUNTS.split(), counts),
     **dict.fromkeys(NUMBERS.split(), numbers),
-    **dict.fromkeys(("reason", "run_reason", "digest", "version"), words),
+    **dict.fromkeys(("reason", "run_reason", "digest", "version", "extension"), words),
     **dict.fromkeys(("tree", "language"), texts),
 )
 
@@ -100,7 +102,7 @@ def test_a_line_that_was_only_begun_is_left_out() -> None:
 
 def test_columns_that_are_not_there_are_empty() -> None:
     lines = [line.split(",") for line in csv_text([ROW]).splitlines()]
-    few = "".join(",".join(line[:3] + line[4:-2]) + "\n" for line in lines)
+    few = "".join(",".join(line[:3] + line[4:-6]) + "\n" for line in lines)
     assert list(read_rows(few)) == [replace(ROW, threshold=None, first_events=None, memory=None)]
 
 
@@ -109,7 +111,7 @@ def test_columns_that_are_not_there_are_empty() -> None:
     [
         ("precious", 1, "not a comparison of languages"),
         ("a,b\n1,2\n", 1, "not a comparison of languages"),
-        (csv_text([ROW]) + "x,y\n", 3, "not 29 columns"),
+        (csv_text([ROW]) + "x,y\n", 3, "not 33 columns"),
         (csv_text([ROW]).replace("and 3,and", "and 3,xand"), 2, "gate"),
         (csv_text([ROW]).replace("and 3,and", ",and"), 2, "tree"),
         (csv_text([ROW]).replace(",ok,,15", ",ok,,many"), 2, "symbols"),
@@ -166,7 +168,7 @@ def test_latex_tables_have_a_row_for_each_tree_and_fit_a_page(width: Width) -> N
 MIXED = [
     ROW,
     replace(ROW, language="sql", run_reason=DETECTIONS_ONLY),
-    replace(ROW, language="mfotl", run_reason=ONLY_EMITTED, **dict.fromkeys(SIZED[3:])),
+    replace(ROW, language="mfotl", run_reason=ONLY_EMITTED.format("MonPoly"), **dict.fromkeys(SIZED[3:])),
     replace(ROW, language="eql", result=Outcome.NOT_EXPRESSIBLE, reason="it skips", run=None, **dict.fromkeys(SIZED)),
 ]
 
@@ -179,7 +181,7 @@ def test_what_kind_of_language_it_is_stands_in_each_table() -> None:
     assert [line.split("  ")[-1].strip() for line in text_lines(MIXED)[1:]] == [
         "ok",
         "ok: detections only",
-        "ok: only emitted: no reader for its texts",
+        "ok: only emitted: MonPoly was not run",
         "not expressible: it skips",
     ]
     assert unable(MIXED) == {"eql": "it skips"}

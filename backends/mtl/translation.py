@@ -30,7 +30,7 @@ _IGNORED: Final = "ignored"
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect:
+class Syntax:
     """The operators of past MTL in one syntax.
 
     `before` is one event ago, `earlier` at any event ago, `since` the second formula at an event
@@ -47,15 +47,15 @@ class Dialect:
     since: str
 
 
-REELAY: Final = Dialect(
+REELAY: Final = Syntax(
     "{{{}: true}}", " or ", " and ", "not {}", "once({})", "pre({})", "pre(once({}))", "({} since ({}))"
 )
 
 
-def c2po(horizon: int) -> Dialect:
+def c2po(horizon: int) -> Syntax:
     """Return the syntax of C2PO, in which all operators have bounds."""
     earlier = f"(true S[1,{horizon}] ({{}}))"
-    return Dialect("{}", " || ", " && ", "!{}", "{}", "(true S[1,1] ({}))", earlier, f"({{}} S[0,{horizon}] ({{}}))")
+    return Syntax("{}", " || ", " && ", "!{}", "{}", "(true S[1,1] ({}))", earlier, f"({{}} S[0,{horizon}] ({{}}))")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,11 +72,11 @@ class Chains:
         """The names of the propositions."""
         return tuple(dict.fromkeys(name for name, _ in self.definitions))
 
-    def formula(self, dialect: Dialect) -> str:
+    def formula(self, dialect: Syntax) -> str:
         """Return the formula; in `REELAY` it holds from the detection on, in C2PO at the detection."""
         return dialect.either.join(dialect.once.format(self._chain(word, dialect)) for word in self.words)
 
-    def _chain(self, word: Sequence[Sequence[str]], dialect: Dialect) -> str:
+    def _chain(self, word: Sequence[Sequence[str]], dialect: Syntax) -> str:
         """Return the formula that the last event of a word is now, and the others are before it."""
 
         def atom(name: str) -> str:

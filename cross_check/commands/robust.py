@@ -57,7 +57,7 @@ class Edit(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class LogReplay:
     """The verdicts of one log, as it is and after each edit.
 
     `verdicts` has a symbol for each place, `-` for one that was not tried.
@@ -98,7 +98,7 @@ class Sums:
     nodes: dict[tuple[str, Edit], Counter[str]] = field(default_factory=dict)
     all: dict[Edit, Counter[str]] = field(default_factory=lambda: {edit: Counter() for edit in Edit})
 
-    def add(self, answer: Answer) -> None:
+    def add(self, answer: LogReplay) -> None:
         """Count the edits of a log; a swap belongs to the nodes of both events."""
         for edit in Edit:
             for place in range(len(answer.verdicts[edit])):
@@ -128,7 +128,7 @@ class Trials:
         kind = self._types.of(event)
         return self._each or bool(kind.relevant) or (kind.serves and not self._semantics.projects)
 
-    def answer(self, log: str, events: Sequence[Json], advance: Callable[[], None]) -> Answer:
+    def answer(self, log: str, events: Sequence[Json], advance: Callable[[], None]) -> LogReplay:
         """Try the edits of each place, or of evenly spaced places if all would take too many steps."""
         places = [place for place, event in enumerate(events) if self._concerns(event)]
         relevant = [events[place] for place in places]
@@ -159,7 +159,7 @@ class Trials:
             matched.get(place, [_NO_NODE]) if matched else self._nodes(event) for place, event in enumerate(events)
         ]
         decided = None if final is None else places[final] + 1
-        return Answer(log, self._semantics, base.verdict, len(events), decided, verdicts, nodes)
+        return LogReplay(log, self._semantics, base.verdict, len(events), decided, verdicts, nodes)
 
     def _nodes(self, event: Json) -> list[str]:
         """Return the nodes whose runtime event this may be."""
@@ -210,7 +210,7 @@ def robust_command(
     files = [file for some in failures.collect(expanded, logs) for file in some]
     log_format.readers(files)  # refuses options that no reader takes
     read = {file: events for file in files for events in failures.collect(_reading(part, log_format), [file])}
-    answers, sums = list[Answer](), dict[Semantics, Sums]()
+    answers, sums = list[LogReplay](), dict[Semantics, Sums]()
     for meaning in semantics or [resolve_semantics(whole)]:
         number, seed = given["wanted"] or DEFAULT_NUMBER, given["seed"] or 0
         found = read if logs else dict(_generated(part, meaning, number, seed))
@@ -269,7 +269,7 @@ def _generated(part: RVAFT, semantics: Semantics, wanted: int, seed: int) -> Ite
                 raise click.ClickException(f"{error}; name a LOG, or try another --seed") from error
 
 
-def _text(answers: Sequence[Answer], sums: dict[Semantics, Sums]) -> Iterator[str]:
+def _text(answers: Sequence[LogReplay], sums: dict[Semantics, Sums]) -> Iterator[str]:
     for semantics, own in sums.items():
         yield f"under {semantics}:"
         for answer in answers:
@@ -294,7 +294,7 @@ def _text(answers: Sequence[Answer], sums: dict[Semantics, Sums]) -> Iterator[st
             yield f"  {edit}: {hidden} of {detected} hide a detection{share}, {others}, {ended}"
 
 
-def _json_text(answers: Sequence[Answer], sums: dict[Semantics, Sums]) -> str:
+def _json_text(answers: Sequence[LogReplay], sums: dict[Semantics, Sums]) -> str:
     logs = [
         {
             "log": one.log,

@@ -12,7 +12,7 @@ from statistics import median
 from time import perf_counter
 from typing import Final, NamedTuple
 
-from papers.multipath.determinism import IDLE, Letter, Machine, aiger, difference, hyperltl, machine
+from papers.multipath.determinism import IDLE, EventLetter, Machine, aiger, difference, hyperltl, machine
 from rvaft import RvaftError, Semantics, load
 
 FOLDER: Final = Path(__file__).parent
@@ -21,7 +21,7 @@ MANY: Final = 8
 """Event types of which every set is decided; of more, each one and all."""
 
 
-class Result(NamedTuple):
+class TreeResult(NamedTuple):
     """A machine, and which sets of its event types may be hidden."""
 
     tree: str
@@ -34,7 +34,7 @@ class Result(NamedTuple):
     most: float
 
 
-def results() -> Iterator[Result]:
+def results() -> Iterator[TreeResult]:
     """Decide the shipped trees that an automaton expresses without `ignore`."""
     for path in sorted(TREES.rglob("*.rvaft")):
         for semantics in Semantics:
@@ -51,16 +51,16 @@ def results() -> Iterator[Result]:
                     free.append(hidden)
                 times.append(1000 * (perf_counter() - begun))
             name = str(path.relative_to(TREES).with_suffix(""))
-            yield Result(name, semantics, found, free, len(sets), median(times), max(times))
+            yield TreeResult(name, semantics, found, free, len(sets), median(times), max(times))
 
 
-def page(every: Sequence[Result]) -> str:
+def page(every: Sequence[TreeResult]) -> str:
     """Return the page of results."""
     text = (FOLDER / "template.md").read_text(encoding="utf-8")
     trees, sets = {one.tree for one in every}, sum(one.sets for one in every)
     free = [one for one in every if one.free]
     shown = [one for one in every if one.tree.startswith(("gates/", "remote_inspection/"))]
-    by_tree: dict[str, list[Result]] = {}
+    by_tree: dict[str, list[TreeResult]] = {}
     for found in shown:
         by_tree.setdefault(found.tree, []).append(found)
     rows = [
@@ -93,7 +93,7 @@ def _names(hidden: Sequence[str]) -> str:
     return " and ".join(f"`{name}`" for name in hidden)
 
 
-def _word(letters: Sequence[Letter | None]) -> str:
+def _word(letters: Sequence[EventLetter | None]) -> str:
     return ", ".join(IDLE if letter is None else str(letter) for letter in letters)
 
 

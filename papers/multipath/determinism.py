@@ -23,7 +23,7 @@ OTHER: Final = "any other event"
 IDLE: Final = "nothing"
 
 
-class Letter(NamedTuple):
+class EventLetter(NamedTuple):
     """What an event is for the automaton: its types, the leaves that it may be, and the guards that hold."""
 
     types: frozenset[str]
@@ -39,7 +39,7 @@ class Letter(NamedTuple):
 class Machine:
     """A minimal automaton with output: state 0 is initial, `next[state][letter]` the successor."""
 
-    letters: Sequence[Letter]
+    letters: Sequence[EventLetter]
     next: Sequence[Sequence[int]]
     verdicts: Sequence[Verdict]
 
@@ -48,7 +48,7 @@ class Machine:
         """The event types of the letters, except that of irrelevant events."""
         return tuple(dict.fromkeys(name for one in self.letters for name in sorted(one.types) if name != OTHER))
 
-    def is_hidden(self, letter: Letter, hidden: Collection[str]) -> bool:
+    def is_hidden(self, letter: EventLetter, hidden: Collection[str]) -> bool:
         """Whether an observer of the other types does not see a letter."""
         return letter.types <= {*hidden}
 
@@ -79,7 +79,7 @@ def machine(tree: RVAFT, semantics: Semantics) -> Machine:
     return _minimal(Machine([letter for _, letter in letters], rows, verdicts))
 
 
-def _letters(tree: RVAFT, read: HoaProgram) -> Iterator[tuple[frozenset[int], Letter]]:
+def _letters(tree: RVAFT, read: HoaProgram) -> Iterator[tuple[frozenset[int], EventLetter]]:
     """Yield each letter with the propositions that hold, the irrelevant event first."""
     known = {tree.pattern(node.name): node.name if node.on is None else node.on.event for node in tree.top_down()}
     if not all(pattern in known for pattern, _ in read.events.values()):
@@ -95,10 +95,10 @@ def _letters(tree: RVAFT, read: HoaProgram) -> Iterator[tuple[frozenset[int], Le
             true = [guard for guard, holds in zip(guards, held, strict=bool(events)) if holds]
             relevant = read.relevant if events else ()
             texts = tuple(guard_text(read.guards[one]) for one in true)
-            yield frozenset((*events, *true, *relevant)), Letter(types, leaves, texts)
+            yield frozenset((*events, *true, *relevant)), EventLetter(types, leaves, texts)
     used = {known[pattern] for pattern, _ in read.events.values()}
     for name in dict.fromkeys(name for pattern, name in known.items() if pattern is not None and name not in used):
-        yield frozenset(read.relevant), Letter(frozenset({name}), (), ())
+        yield frozenset(read.relevant), EventLetter(frozenset({name}), (), ())
 
 
 def _minimal(full: Machine) -> Machine:
@@ -125,7 +125,7 @@ def _minimal(full: Machine) -> Machine:
     )
 
 
-def difference(of: Machine, hidden: Collection[str]) -> list[tuple[Letter | None, Letter | None]] | None:
+def difference(of: Machine, hidden: Collection[str]) -> list[tuple[EventLetter | None, EventLetter | None]] | None:
     """Return the steps of a shortest pair of traces that look equal and have different verdicts, if any.
 
     In a step, both traces have one letter that is seen, or one has a hidden letter and the other idles
@@ -138,7 +138,7 @@ def difference(of: Machine, hidden: Collection[str]) -> list[tuple[Letter | None
     before: dict[tuple[int, int], tuple[tuple[int, int], tuple[int | None, int | None]] | None] = {(0, 0): None}
     for pair in (todo := [(0, 0)]):
         if of.verdicts[pair[0]] is not of.verdicts[pair[1]]:
-            steps, back = list[tuple[Letter | None, Letter | None]](), before[pair]
+            steps, back = list[tuple[EventLetter | None, EventLetter | None]](), before[pair]
             while back is not None:
                 earlier, (one, other) = back
                 steps.append((_letter(of, one), _letter(of, other)))
@@ -152,7 +152,7 @@ def difference(of: Machine, hidden: Collection[str]) -> list[tuple[Letter | None
     return None
 
 
-def _letter(of: Machine, number: int | None) -> Letter | None:
+def _letter(of: Machine, number: int | None) -> EventLetter | None:
     return None if number is None else of.letters[number]
 
 

@@ -44,7 +44,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Awaited, Ended, Explanation, MatchedEvent, Pending
 from rvaft.readers.json_lines import MAX_DEPTH, LinesRead, NonFiniteEvent, RepeatingObject
 from rvaft.readers.log import failures_of, unreadable
-from rvaft.stream.data_warnings import DataWarning, DataWarnings, Reason
+from rvaft.stream.data_warnings import DataWarning, DataWarnings, Doubt
 from rvaft.stream.follow import FollowedFile
 from rvaft.stream.keys import Field
 from rvaft.stream.listeners import MonitoredTrace, TraceState
@@ -82,7 +82,7 @@ _OF_MONITORS: Final = (
     Pending,
     Snapshot,
 )
-_COUNTS: Final = (Assumption, DetectionCount, NearMissCount, DataWarning, DataWarnings, Reason, Statistics)
+_COUNTS: Final = (Assumption, DetectionCount, NearMissCount, DataWarning, DataWarnings, Doubt, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)
 _ADMITTED: Final = {(one.__module__, one.__qualname__): one for one in _ALL}
 """The classes allowed in a checkpoint.

@@ -33,7 +33,7 @@ _BY_VALUE: Final = frozenset({Operator.DIV, Operator.MUL, Operator.NUMBER})
 """Operators that may be undefined for values of the right types."""
 
 
-class Reason(StrEnum):
+class Doubt(StrEnum):
     """Why an event could not be part of a match."""
 
     GUARD = "undefined guard"
@@ -45,12 +45,12 @@ class Reason(StrEnum):
 
 
 _MESSAGES: Final = {
-    Reason.GUARD: "undefined guard in {events}: {about}, where {example}",
-    Reason.TIME: "no readable time in {events}: {example}",
-    Reason.LATE: "{events} later than {about}, which no match uses: {example}",
-    Reason.JUMP: "{events} late only because one time is more than {about} ahead: {example}",
-    Reason.NUMBER: "undefined number in {events}: {example}",
-    Reason.ASSUMPTION: "assumption '{about}' broken in {events}: {example}",
+    Doubt.GUARD: "undefined guard in {events}: {about}, where {example}",
+    Doubt.TIME: "no readable time in {events}: {example}",
+    Doubt.LATE: "{events} later than {about}, which no match uses: {example}",
+    Doubt.JUMP: "{events} late only because one time is more than {about} ahead: {example}",
+    Doubt.NUMBER: "undefined number in {events}: {example}",
+    Doubt.ASSUMPTION: "assumption '{about}' broken in {events}: {example}",
 }
 
 
@@ -58,7 +58,7 @@ _MESSAGES: Final = {
 class DataWarning:
     """The events with one fault; `about` is the guard, the allowed lateness or the assumption."""
 
-    reason: Reason
+    reason: Doubt
     about: str
     first: str
     example: str
@@ -103,7 +103,7 @@ class DataWarnings:
     """
 
     def __init__(self, types: EventTypeIndex, warn: Callable[[str], object] | None = None) -> None:
-        self.found: dict[tuple[Reason, str], DataWarning] = {}
+        self.found: dict[tuple[Doubt, str], DataWarning] = {}
         self._last: dict[str, Json] = {}
         self.attach(types, warn)
 
@@ -137,7 +137,7 @@ class DataWarnings:
         if isinstance(event, NonFiniteEvent):
             place = f"{prefix}event {number}"
             if event_kind.checks.looked_at or self.time is None or event.field.split(".")[0] != self.time.field[0]:
-                self.note(Reason.NUMBER, "", place, f"{event.field} is {event.number}")
+                self.note(Doubt.NUMBER, "", place, f"{event.field} is {event.number}")
             return
         of, version, fields, known = good or (None, -1, None, ())
         if of is not self or version != self.version:
@@ -150,7 +150,7 @@ class DataWarnings:
         if event_kind.relevant is not None:
             name, found = ".".join(self.time.field), at(event, self.time.field, UNSEEN)
             wrong = "" if found is UNSEEN else f"{name} is {described(found)}, not {self.time.format}"
-            self.note(Reason.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
+            self.note(Doubt.TIME, "", f"{prefix}event {number}", wrong or f"the field {name} is missing")
 
     def _good(self, event_kind: EventKind) -> tuple[Sequence[str] | None, set[tuple[type, ...]]]:
         """Return the fields to check, None if types do not decide, and an empty set."""
@@ -198,14 +198,14 @@ class DataWarnings:
                 self.see(event, number, prefix, event_kind)
             yield number, event, event_kind
 
-    def note(self, reason: Reason, about: str, place: str, example: str) -> None:
+    def note(self, reason: Doubt, about: str, place: str, example: str) -> None:
         """Count one event."""
         self.found.setdefault((reason, about), DataWarning(reason, about, place, example)).count += 1
 
     def note_broken(self, assumed: AssumptionCheck, event: Json, place: str) -> None:
         """Count the assumptions that an event breaks, each once."""
         for assumption, message in {one.assumption: one.message for one in assumed.broken(event)[::-1]}.items():
-            self.note(Reason.ASSUMPTION, assumption, place, message)
+            self.note(Doubt.ASSUMPTION, assumption, place, message)
 
     def note_late(self, event: Json, number: int, prefix: str, latest: int | None, jumps: Sequence[Jump] = ()) -> None:
         """Count a late event; `latest` is the greatest time before it, with its last jumps."""
@@ -215,7 +215,7 @@ class DataWarnings:
         behind = f"{duration_text((latest or 0) - time)} behind the latest"
         example = f"{'.'.join(self.time.field)} is {shown}, {behind}"
         allowed, place = self.time.late or 0, f"{prefix}event {number}"
-        self.note(Reason.LATE, duration_text(allowed), place, example)
+        self.note(Doubt.LATE, duration_text(allowed), place, example)
         jump = next((one for one in jumps if one.makes_late(time, latest or 0, allowed)), None)
         if jump is None:
             return
@@ -224,7 +224,7 @@ class DataWarnings:
         if self.warn is not None and self._warned != prefix:
             self._warned = prefix
             self.warn(f"{ahead} of event {number}, which is late therefore, as are others like it: no match uses them")
-        self.note(Reason.JUMP, duration_text(allowed), place, ahead)
+        self.note(Doubt.JUMP, duration_text(allowed), place, ahead)
 
     def merge(self, other: "DataWarnings") -> None:
         """Add the counts of a later trace."""
@@ -255,7 +255,7 @@ class DataWarnings:
             if part.text not in undefined and not _can_be_decided(part.condition, known):
                 undefined.add(part.text)
                 example = ", ".join(f"{name} is {described(known[name])}" for name in part.names if name in known)
-                self.note(Reason.GUARD, part.text, place, example)
+                self.note(Doubt.GUARD, part.text, place, example)
         if undefined:
             return
         for name in {name for part in checks.parts for name in part.names if name in values}:

@@ -10,7 +10,7 @@ from typing import Final
 import pytest
 
 from papers.multipath import __main__ as command
-from papers.multipath.determinism import Letter, Machine, aiger, difference, hyperltl, machine
+from papers.multipath.determinism import EventLetter, Machine, aiger, difference, hyperltl, machine
 from rvaft import RVAFT, NotExpressible, Semantics, Verdict, load, loads
 from rvaft.semantics import Reference
 
@@ -33,7 +33,7 @@ def sets(of: Machine) -> list[tuple[str, ...]]:
     return [*chain.from_iterable(combinations(of.types, size) for size in range(len(of.types) + 1))]
 
 
-def event(letter: Letter) -> dict[str, str]:
+def event(letter: EventLetter) -> dict[str, str]:
     """The event of a tree whose leaves observe their default events."""
     (name,) = letter.types
     return {"event": name}

@@ -28,7 +28,7 @@ from rvaft.model.verdict import Verdict
 from rvaft.readers import json_blocks
 from rvaft.readers.json_lines import LinesRead, read
 from rvaft.stream import bulk
-from rvaft.stream.data_warnings import DataWarnings, Reason
+from rvaft.stream.data_warnings import DataWarnings, Doubt
 from rvaft.stream.keys import Field, Key
 from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
@@ -339,7 +339,7 @@ def test_times_late_events_and_oversights_are_the_same_however_they_are_read(lat
     random, plan, seen = (
         Random(f"{late} {semantics}"),
         plan_of(loads(TIMED.replace("LATE", late)), semantics),
-        set[Reason](),
+        set[Doubt](),
     )
     assert bulk.block_reader(plan) is not None
     for _ in range(20):
@@ -353,7 +353,7 @@ def test_times_late_events_and_oversights_are_the_same_however_they_are_read(lat
         _, watched, *_ = outcome(plan, lines(events).encode())
         assert watched[0] == ([*alone.run(events)][-1],)
         seen |= {reason for reason, _ in watched[2]}
-    assert seen == set(Reason) - {Reason.ASSUMPTION} - ({Reason.LATE, Reason.JUMP} if not late else set())
+    assert seen == set(Doubt) - {Doubt.ASSUMPTION} - ({Doubt.LATE, Doubt.JUMP} if not late else set())
 
 
 KEYS = ["a", "b", 1, 1.0, True, None, math.nan, [1], {"x": 1}, -0.0, 0, 2**53 + 1, 10**400]

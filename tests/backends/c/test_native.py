@@ -148,7 +148,7 @@ def test_what_c_refuses_is_refused(declared: str, top: str, tmp_path: Path) -> N
     tree = written(tmp_path / "t.rvaft", f"semantics scattered; {text}")
     result = run("monitor", tree, written(tmp_path / "log.jsonl", '{"e": "a"}\n'), "--native")
     assert result.exit_code == 2
-    assert "c cannot express this tree" in result.stderr
+    assert "rvaft does not write this tree in c" in result.stderr
     assert result.stderr.rstrip().endswith("omit --native")
 
 

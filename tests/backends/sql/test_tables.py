@@ -165,7 +165,7 @@ REFUSED = {
     "event e(u: number) = { u: u }; assume types, present; top on e(U);": "columns of numbers are doubles, and need",
     "event e(u: text) = { u: u, v: _ }; assume types, present; top on e(U);": "make the `_` of v in event e a",
     "event e(u: text) = { u: u, v: {} }; assume types, present; top on e(U);": "a column holds no object, as v",
-    "event e(u: text) = { u: [u] }; assume types, present; top on e(U);": "has no lists",
+    "event e(u: text) = { u: [u] }; assume types, present; top on e(U);": "writes no lists",
     "event e(u: text) = { u: u }; event f() = { u: 1 }; assume types, present; top and a b; a on e(U); b on f();": (
         "u is text in event e but integer in the literal 1"
     ),

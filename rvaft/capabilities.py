@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from itertools import islice
 from typing import Final, NamedTuple, TypeAlias, assert_never
 
 from rvaft.core.passes import Pass
@@ -26,7 +27,7 @@ from rvaft.core.property import (
     Within,
 )
 from rvaft.core.scenarios import resolutions
-from rvaft.errors import Cause, NotExpressible, Reason, unwritten
+from rvaft.errors import Cause, NotExpressible, Reason, TooLarge, unwritten
 from rvaft.model import patterns
 from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, holds, time_points, variables, walk
 from rvaft.model.nodes import Assumption, ValueType
@@ -195,11 +196,27 @@ def check(
     for need, nodes in lacking.items():
         missing = capabilities.needs.get(need, frozenset()) - prop.tree.assumes
         reason = capabilities.unassumed(need, missing) if missing else capabilities.reason(need)
+        if need is Value.NULL and not (_demands_null(prop) and _has_one_scenario(prop)):
+            reason = unwritten(reason.text)  # a guard, or another scenario, may leave no null to tell apart
         raise NotExpressible(reason, nodes=[node for node in nodes if node])
     if capabilities.ties is Ties.NONE and (tie := _tied(prop, semantics)) is not None:
         why = capabilities.reason(tie.lacking) if tie.endless else unwritten(_OPEN[tie.lacking])
         raise NotExpressible(why.about(tie.by), nodes=tie.nodes)
     return frozenset(assumed)
+
+
+def _demands_null(prop: Property) -> bool:
+    """Whether an event has to be null at some place."""
+    events = (part for part in prop.parts if isinstance(part, Event | Times))
+    return any(Value.NULL in _values(part.pattern) for part in events)
+
+
+def _has_one_scenario(prop: Property) -> bool:
+    """Whether no scenario can stand for another one."""
+    try:
+        return len([*islice(resolutions(prop), 2)]) == 1
+    except TooLarge:
+        return False
 
 
 def extended(prop: Property, capabilities: Capabilities) -> tuple[str, ...]:
@@ -270,8 +287,8 @@ def _values(pattern: Pattern) -> Iterator[Value]:
 class _Tie(NamedTuple):
     """Events of one scenario with a common variable or guard.
 
-    `endless` tells that no choice of finitely many tests of single events could replace the tie:
-    the values are not bounded by a type or by another guard.
+    `endless` tells that no choice of finitely many tests of single events could replace the tie: no
+    type and no other guard bounds the values, and no other scenario may stand for this one.
     """
 
     lacking: Ties
@@ -289,9 +306,10 @@ def _tied(prop: Property, semantics: Semantics) -> _Tie | None:
     if not ties:
         return None
     mentioned = [names for found in variables_of.values() for names in found]
-    unbounded = Assumption.TYPES not in prop.tree.assumes or not any(
-        ValueType.BOOLEAN in event.types for event in prop.tree.events.values()
-    )
+    assumes = prop.tree.assumes
+    finite = {ValueType.BOOLEAN, *((ValueType.INTEGER,) if Assumption.EXACT in assumes else ())}
+    bounded = any(finite & {*event.types} for event in prop.tree.events.values())
+    unbounded = not (Assumption.TYPES in assumes and bounded) and _has_one_scenario(prop)
     for kept in resolutions(prop, minimal=semantics is Semantics.SCATTERED):
         if any(isinstance(part, Condition) and _never_holds(part.guard) for part in kept):
             continue

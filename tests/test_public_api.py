@@ -39,7 +39,9 @@ def test_type_checkers_and_the_interpreter_see_the_same_names() -> None:
 
 def test_every_error_can_be_imported_from_the_package() -> None:
     classes = [
-        value for value in vars(errors).values() if isinstance(value, type) and value.__module__ == errors.__name__
+        value
+        for value in vars(errors).values()
+        if isinstance(value, type) and issubclass(value, Exception) and value.__module__ == errors.__name__
     ]
     for error in classes:
         assert getattr(rvaft, error.__name__) is error

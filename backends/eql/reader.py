@@ -5,7 +5,7 @@ FIELD as FORMAT` names the time of events (default: `@timestamp as iso8601`). `m
 in time order; queries with `maxspan` skip events without a time.
 
 The engine evaluates the conditions once per event. Sequences then run on events that hold only
-these results. Joins use JSON equality (`true` and 1 differ; null is a value). Elasticsearch does
+these results. Joins use JSON equality (`true` and 1 differ). Elasticsearch does
 not index lists: a text with an index runs here, and other tests of lists are left open.
 """
 
@@ -29,6 +29,7 @@ _QUERY: Final = re.compile(rf"(?:{_TEXTS}|//[^\n]*|/\*.*?\*/|[^;])+", re.DOTALL)
 _TIME: Final = re.compile(r"(?:\s|/\*.*?\*/|//(?![ \t]*time[ \t])[^\n]*\n)*//[ \t]*(time[ \t][^\n]*\S)", re.DOTALL)
 _DEFAULT_TIME: Final = EventTime(("@timestamp",), TimeFormat.ISO8601)
 _BACKWARDS: Final = "`maxspan` needs events in time order, and the times of this trace decrease"
+_ABSENT: Final = "Elasticsearch does not distinguish null from a missing field"
 _LISTS: Final = "Elasticsearch tests each element of a list separately"
 _EVENT, _END = "event", "end"
 """Event types; `until` reads an event as `end`, after the sequences have read it as `event`."""
@@ -146,6 +147,8 @@ class Queries:
         times = [time for time in read if time is not None]
         if any(later < earlier for earlier, later in pairwise(times)):
             return _BACKWARDS
+        if any(_at(event, path) is _NULL for path, event in product(self._fields, trace)):
+            return _ABSENT
         ends = () if self._by_number else {path[:end] for path in self._fields for end in range(1, len(path) + 1)}
         return _LISTS if any(isinstance(_at(event, path), list) for path, event in product(ends, trace)) else ""
 

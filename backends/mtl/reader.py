@@ -57,11 +57,12 @@ _GRAMMAR: Final = r"""
     | "pre" unary -> pre
     | "(" either ")"
     | "{" NAME ":" "true" "}" -> atom
-bounds: "[" [NUMBER] ":" [NUMBER] "]"
+bounds: "[" NUMBER ":" [HIGH] "]" | "[" ":" HIGH "]" -> upper
 _OR: "or" | "||"
 _AND: "and" | "&&"
 NOT: "not" | "!"
 NUMBER: /[0-9]{1,9}/
+HIGH: /0{0,8}[1-9][0-9]{0,8}/
 NAME: /[A-Za-z_]\w*/
 %ignore /\s+/
 """
@@ -85,6 +86,9 @@ class _Written(Transformer_NonRecursive[Token, tuple[str, int]]):
 
     def bounds(self, parts: list[Any]) -> tuple[str, int]:
         return f"[{parts[0] or ''}:{parts[1] or ''}]", 0
+
+    def upper(self, parts: list[Any]) -> tuple[str, int]:
+        return self.bounds([None, *parts])
 
     def negated(self, parts: list[Any]) -> tuple[str, int]:
         return f"(not {parts[-1][0]})", parts[-1][1] + 1
@@ -270,7 +274,10 @@ def compiled(text: str, given: tuple[tuple[str, Pattern], ...]) -> MtlProgram | 
     try:
         formula, depth = writing.transform(_parser().parse(text[start:]))
     except UnexpectedInput as error:
-        raise error_at("not a formula of past MTL", text, start + max(error.pos_in_stream or 0, 0), _FILE) from None
+        place = start + max(error.pos_in_stream or 0, 0)
+        zero = text[place : place + 1] == "0" and text[:place].rstrip().endswith(":")
+        why = ": an upper bound is at least 1, since Reelay reads 0 as no bound" if zero else ""
+        raise error_at(f"not a formula of past MTL{why}", text, place, _FILE) from None
     if depth > _DEEPEST:
         raise TooLarge("nested operators", limit=_DEEPEST)
     known = dict(given)

@@ -236,6 +236,8 @@ class WindowedFormula:
         return f"once{'' if within is None else self._bounds(within)}({self._part(nest, before)})"
 
     def _bounds(self, within: int) -> str:
+        if not within:
+            raise NotExpressible(unwritten("a window of 0 s: Reelay reads an upper bound of 0 as no bound"))
         return f"[0:{within // UNITS[self.unit]}]"
 
     @staticmethod

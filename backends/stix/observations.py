@@ -114,21 +114,25 @@ class StixHeader:
 
     def left_open(self, trace: Sequence[Json]) -> str:
         """Return why the trace has no verdict, or an empty string."""
-        return (
-            "STIX orders events by time, and the times do not increase" if len(self._times(trace)) < len(trace) else ""
-        )
+        if len(self._times(trace)) < len(trace):
+            return "STIX orders events by time, and the times do not increase"
+        ways = self.objects.values()
+        null = (any(at(event, way, ...) is None for way in ways) if ways else _has_null(event) for event in trace)
+        return "STIX has no null" if any(null) else ""
 
     def observations(self, trace: Sequence[Json]) -> list[list[Json]]:
         """Return for each event its observed data and the objects that it refers to.
 
         Raises `TraceError` if times do not increase.
         """
-        if self.left_open(trace):
+        if len(self._times(trace)) < len(trace):
             reason = (
                 "observations are ordered by time: each event needs a time in whole "
                 "microseconds that is later than all earlier times"
             )
             raise TraceError(reason, line=None)
+        if why := self.left_open(trace):
+            raise TraceError(why, line=None)
         found: list[list[Json]] = []
         for number, (event, time) in enumerate(zip(trace, self._times(trace), strict=True)):
             unique = UUID(int=number)
@@ -174,3 +178,8 @@ def _properties(value: Json) -> Any:
     if isinstance(value, Mapping):
         return {property_of(name): _properties(inner) for name, inner in value.items()}
     return [_properties(inner) for inner in value] if isinstance(value, list) else value
+
+
+def _has_null(value: Json) -> bool:
+    inner = value.values() if isinstance(value, Mapping) else value if isinstance(value, list) else ()
+    return value is None or any(map(_has_null, inner))

@@ -226,8 +226,9 @@ def robust_command(
                         error.add_note(f"in {shown} or an edit of it; --max-configurations allows more")
                         raise
                     sums[meaning].add(answers[-1])
-    lines = [_json_text(answers, sums)] if given["form"] == "json" else list(_text(answers, sums))
-    click.echo(inert("\n".join(lines)))
+    if answers:
+        lines = [_json_text(answers, sums)] if given["form"] == "json" else list(_text(answers, sums))
+        click.echo(inert("\n".join(lines)))
     for answer in answers:
         if answer.untried:
             tried = sum(map(len, answer.verdicts.values())) - answer.untried

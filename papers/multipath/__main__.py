@@ -14,6 +14,7 @@ from typing import Final, NamedTuple
 
 from papers.multipath.determinism import IDLE, EventLetter, Machine, aiger, difference, hyperltl, machine
 from rvaft import RvaftError, Semantics, load
+from rvaft.support.files import place
 
 FOLDER: Final = Path(__file__).parent
 TREES: Final = FOLDER.parents[1] / "trees"
@@ -99,6 +100,9 @@ def _word(letters: Sequence[EventLetter | None]) -> str:
 
 def main() -> int:
     """Write what is asked for; return the exit status."""
+    if sys.argv[1:] in (["-h"], ["--help"]):
+        print(__doc__)
+        return 0
     if len(sys.argv) == 1:
         (FOLDER / "README.md").write_text(page([*results()]), encoding="utf-8")
         return 0
@@ -115,8 +119,12 @@ def main() -> int:
         )
         return 2
     texts = {".hltl": hyperltl(found, hidden)["rvhyper"], ".mchyper": hyperltl(found, hidden)["mchyper"]}
-    for suffix, text in {**texts, ".aag": aiger(found, hidden)}.items():
-        Path(f"{Path(path).stem}{suffix}").write_text(text.rstrip("\n") + "\n", encoding="utf-8")
+    texts = {f"{Path(path).stem}{suffix}": text for suffix, text in {**texts, ".aag": aiger(found, hidden)}.items()}
+    try:
+        place(Path(), {name: text.rstrip("\n") + "\n" for name, text in texts.items()}, force=True)
+    except (OSError, RvaftError) as error:
+        print(f"papers.multipath: error: {error}", file=sys.stderr)
+        return 2
     print("not deterministic" if difference(found, hidden) else "deterministic")
     return 0
 

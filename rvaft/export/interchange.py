@@ -143,6 +143,7 @@ def losses(tree: RVAFT) -> Iterator[str]:
         (tree.topics, "topic declarations"),
         (tree.causality is Causality.BOTTOM_UP, "causality bottom_up"),
         (tree.time, "the time of events"),
+        (tree.assumes, "assumptions"),
     ):
         if declared:
             yield f"{what} left out"

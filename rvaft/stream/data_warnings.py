@@ -48,7 +48,7 @@ _MESSAGES: Final = {
     Doubt.GUARD: "undefined guard in {events}: {about}, where {example}",
     Doubt.TIME: "no readable time in {events}: {example}",
     Doubt.LATE: "{events} later than {about}, which no match uses: {example}",
-    Doubt.JUMP: "{events} late only because one time is more than {about} ahead: {example}",
+    Doubt.JUMP: "{events} late after one time that is more than {about} ahead: {example}",
     Doubt.NUMBER: "undefined number in {events}: {example}",
     Doubt.ASSUMPTION: "assumption '{about}' broken in {events}: {example}",
 }
@@ -223,7 +223,7 @@ class DataWarnings:
         ahead = f"{prefix}event {jump.number}{line} is {_about(jump.time - time)} ahead"
         if self.warn is not None and self._warned != prefix:
             self._warned = prefix
-            self.warn(f"{ahead} of event {number}, which is late therefore, as are others like it: no match uses them")
+            self.warn(f"{ahead} of event {number}, which is late, as others like it may be: no match uses them")
         self.note(Doubt.JUMP, duration_text(allowed), place, ahead)
 
     def merge(self, other: "DataWarnings") -> None:

@@ -167,7 +167,7 @@ def test_byte_order_mark_and_line_ends(tmp_path: Path) -> None:
     path = tmp_path / "x.dft"
     path.write_bytes(b'\xef\xbb\xbftoplevel "A"; // top\r\n"A" or "B"\r\n"C";\r\n')
     assert facts(parse_file(path)) == {"A": ("B", "C")}
-    assert load(path) == load(str(path)) == load(os.path.relpath(path)) == loads("A or B C;")
+    assert load(path) == load(str(path)) == load(os.path.relpath(path)) == loads("A or B C;", "x.dft")
 
 
 @pytest.mark.parametrize("text", ["{}", 'import "{}";\ntop or a;'])

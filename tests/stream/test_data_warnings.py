@@ -124,7 +124,7 @@ def far_ahead(tmp_path: Path, data: str, *words: object) -> tuple[list[str], str
     tree, log = written(tmp_path / "late.rvaft", LATE), written(tmp_path / "log.jsonl", data)
     result = run("monitor", tree, log, *words)
     assert result.exit_code == 0
-    at_once = [line for line in result.stderr.splitlines() if "which is late therefore" in line]
+    at_once = [line for line in result.stderr.splitlines() if "which is late, as others" in line]
     return at_once, "".join(line for line in result.stdout.splitlines() if "ahead" in line)
 
 
@@ -133,10 +133,10 @@ def test_an_event_far_ahead_is_named_at_once_and_the_late_events_are_counted(wor
     """An irrelevant event of another century takes `b` away."""
     data = "\n" + timed(("a", 100), ("zzz", FAR), ("b", 160), ("x", 161))
     at_once, counted = far_ahead(tmp_path, data, *words)
-    said = "event 2 (line 3) is 47117 d ahead of event 3, which is late therefore, as are others like it"
+    said = "event 2 (line 3) is 47117 d ahead of event 3, which is late, as others like it may be"
     assert at_once == [f"rvaft: warning: {said}: no match uses them"]
     assert counted == (
-        "warning: 2 events late only because one time is more than 1 min ahead: event 2 (line 3) is 47117 d ahead "
+        "warning: 2 events late after one time that is more than 1 min ahead: event 2 (line 3) is 47117 d ahead "
         "(first: event 3)"
     )
 
@@ -169,13 +169,13 @@ def test_several_logs_a_resumed_run_and_other_commands(tmp_path: Path) -> None:
     assert "event 2 is" in run(*words).stderr
     with first.open("a") as stream:
         stream.write(timed(("b", 161)))
-    assert "2 events late only because" in run(*words).stdout
-    assert "late only because one time is more than 1 min ahead" in run("coverage", tree, first).stdout
-    assert "which is late therefore" in run("report", tree, first, "-o", tmp_path / "page.html").stderr
+    assert "2 events late after" in run(*words).stdout
+    assert "late after one time that is more than 1 min ahead" in run("coverage", tree, first).stdout
+    assert "which is late, as others" in run("report", tree, first, "-o", tmp_path / "page.html").stderr
     session = Session(loads(LATE))
     for event in map(json.loads, data.splitlines()):
         session.read(event, event)
-    assert any("late only because" in line for line in session.data_warnings.lines)
+    assert any("late after" in line for line in session.data_warnings.lines)
 
 
 def test_a_growing_log_says_at_once_that_an_event_is_far_ahead(tmp_path: Path) -> None:

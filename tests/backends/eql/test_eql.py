@@ -53,15 +53,17 @@ def test_hand_written(text: str, trace: list[Json], number: int) -> None:
         ("any where a.b == 1", {"a": {"b": 1, "c": [1]}, "b": [1]}, True),
         ("file where a == 1", {"a": 1, "event": {"category": ["file"]}}, True),
         ("any where a[0] == 1", {"a": [1]}, True),
+        ("any where a == 1 or b != null", {"a": 1, "b": None}, False),
+        ("any where a == 1", {"a": 1, "b": None}, True),
     ],
 )
-def test_of_lists_nothing_is_told_but_by_number(text: str, event: Json, *, told: bool) -> None:
+def test_of_null_and_of_lists_nothing_is_told_but_by_number(text: str, event: Json, *, told: bool) -> None:
     queries = compiled(text)
     assert bool(queries.left_open([{}, event])) is not told
     if told:
         assert queries.first_detections([[{}, event]]) == [2]
     else:
-        with pytest.raises(TraceError, match="each element of a list"):
+        with pytest.raises(TraceError, match=r"each element of a list|null from a missing"):
             queries.first_detections([[{}, event]])
 
 

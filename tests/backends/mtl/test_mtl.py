@@ -92,7 +92,6 @@ DENSE = "/* rvaft\ntime t as s, bounds in ms\n*/\n"
         ("{b: true} and once[0:5000]{a: true}", "a0 b5", 2),
         ("{b: true} and once[0:5000]{a: true}", "a0 b5.001", None),
         ("{b: true} and once[0:5000]{a: true}", "a0 b5.0004 b5", None),
-        ("{b: true} and once[0:0]{a: true}", "b7 a7 b7 b7", 3),
         ("{b: true} and once[0:5000]{a: true}", "a b0 a1 b", None),
         ("{b: true} and once[0:5000]{a: true}", "a0 b a1 b2", 4),
         ("{b: true} and once[0:5000]({a: true} and pre({b: true}))", "a0 b1 b2 a3 x3 b4", 6),

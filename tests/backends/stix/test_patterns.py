@@ -134,7 +134,7 @@ def test_texts_are_compared_as_they_are_written() -> None:
         "/q.ex\u0065\u0301",
         "",
         7,
-        None,
+        True,
     ]
     for guard in (
         'contains(X, "/q/")',

@@ -75,7 +75,7 @@ def test_what_could_be_missed_is_counted_and_a_number_that_is_not_finite_comes_b
         'undefined guard in 1 event: X > 1 of a, where X is a string ("x") (first: event 2)',
         "no readable time in 1 event: the field t is missing (first: event 2)",
         "1 event later than 1 s, which no match uses: t is 3, 2 s behind the latest (first: event 3)",
-        "1 event late only because one time is more than 1 s ahead: event 1 is 2 s ahead (first: event 3)",
+        "1 event late after one time that is more than 1 s ahead: event 1 is 2 s ahead (first: event 3)",
     ]
 
 

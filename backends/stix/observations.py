@@ -116,6 +116,9 @@ class StixHeader:
         """Return why the trace has no verdict, or an empty string."""
         if len(self._times(trace)) < len(trace):
             return "STIX orders events by time, and the times do not increase"
+        return self._without_null(trace)
+
+    def _without_null(self, trace: Sequence[Json]) -> str:
         ways = self.objects.values()
         null = (any(at(event, way, ...) is None for way in ways) if ways else _has_null(event) for event in trace)
         return "STIX has no null" if any(null) else ""
@@ -125,16 +128,17 @@ class StixHeader:
 
         Raises `TraceError` if times do not increase.
         """
-        if len(self._times(trace)) < len(trace):
+        times = self._times(trace)
+        if len(times) < len(trace):
             reason = (
                 "observations are ordered by time: each event needs a time in whole "
                 "microseconds that is later than all earlier times"
             )
             raise TraceError(reason, line=None)
-        if why := self.left_open(trace):
+        if why := self._without_null(trace):
             raise TraceError(why, line=None)
         found: list[list[Json]] = []
-        for number, (event, time) in enumerate(zip(trace, self._times(trace), strict=True)):
+        for number, (event, time) in enumerate(zip(trace, times, strict=True)):
             unique = UUID(int=number)
             some = [{"id": f"{one['type']}--{unique}", **one} for one in self._objects(event)]
             stamp = (_EPOCH + timedelta(microseconds=time)).strftime("%Y-%m-%dT%H:%M:%S.%fZ")

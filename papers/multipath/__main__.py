@@ -118,10 +118,10 @@ def main() -> int:
             f"papers.multipath: error: no event type {min(unknown)}; known: {', '.join(found.types)}", file=sys.stderr
         )
         return 2
-    texts = {".hltl": hyperltl(found, hidden)["rvhyper"], ".mchyper": hyperltl(found, hidden)["mchyper"]}
-    texts = {f"{Path(path).stem}{suffix}": text for suffix, text in {**texts, ".aag": aiger(found, hidden)}.items()}
+    written, stem = hyperltl(found, hidden), Path(path).stem
+    formulas = {f"{stem}.hltl": f"{written['rvhyper']}\n", f"{stem}.mchyper": f"{written['mchyper']}\n"}
     try:
-        place(Path(), {name: text.rstrip("\n") + "\n" for name, text in texts.items()}, force=True)
+        place(Path(), {**formulas, f"{stem}.aag": aiger(found, hidden)}, force=True)
     except (OSError, RvaftError) as error:
         print(f"papers.multipath: error: {error}", file=sys.stderr)
         return 2

@@ -24,10 +24,9 @@ IDLE: Final = "nothing"
 
 
 class EventLetter(NamedTuple):
-    """What an event is for the automaton: its types, the leaves that it may be, and the guards that hold."""
+    """What an event is for the automaton: its types, and the guards that hold."""
 
     types: frozenset[str]
-    leaves: tuple[str, ...]
     guards: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -86,19 +85,17 @@ def _letters(tree: RVAFT, read: HoaProgram) -> Iterator[tuple[frozenset[int], Ev
         raise NotExpressible(unwritten("a proposition of the automaton is no event of a node"))
     places = [*read.events]
     guards = [*read.guards]
-    names = read.table.names
     for letter in FeasibleLetters([read.events[place][0] for place in places]).over((1 << len(places)) - 1):
         events = [places[bit] for bit in bits(letter)]
-        leaves = tuple(names[place] for place in events)
         types = frozenset(known[read.events[place][0]] for place in events) or frozenset({OTHER})
         for held in product((False, True), repeat=len(guards) if events else 0):
             true = [guard for guard, holds in zip(guards, held, strict=bool(events)) if holds]
             relevant = read.relevant if events else ()
             texts = tuple(guard_text(read.guards[one]) for one in true)
-            yield frozenset((*events, *true, *relevant)), EventLetter(types, leaves, texts)
+            yield frozenset((*events, *true, *relevant)), EventLetter(types, texts)
     used = {known[pattern] for pattern, _ in read.events.values()}
     for name in dict.fromkeys(name for pattern, name in known.items() if pattern is not None and name not in used):
-        yield frozenset(read.relevant), EventLetter(frozenset({name}), (), ())
+        yield frozenset(read.relevant), EventLetter(frozenset({name}), ())
 
 
 def _minimal(full: Machine) -> Machine:

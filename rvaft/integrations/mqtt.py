@@ -16,11 +16,9 @@ from time import monotonic, time_ns
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Self
 from urllib.parse import parse_qsl, unquote, urlsplit
 
-from rvaft.core.classifier import TreeReads
 from rvaft.errors import OptionError, RvaftError, ToolMissing, installed
-from rvaft.model.event_time import TimeFormat, require_format
 from rvaft.model.values import Json
-from rvaft.readers.bag import ELSEWHERE, TIME, TOPIC
+from rvaft.readers.bag import ELSEWHERE, TIME, TOPIC, require_nanoseconds
 from rvaft.readers.json_lines import HINT, RepeatingObject, decode
 from rvaft.readers.log import Log, LogReader
 
@@ -128,8 +126,7 @@ class MqttReader(LogReader):
 
     def events(self, log: Log) -> Iterator[tuple[int, dict[str, Json]]]:
         """Yield the messages with their numbers, including those buffered at the stop."""
-        if isinstance(log.reads, TreeReads):
-            require_format(log.reads.time, TIME, TimeFormat.NANOSECONDS, "a message of MQTT")
+        require_nanoseconds(log, "a message of MQTT")
         connection, number, odd = _Connection(Address.parse(log.url), log), 0, Counter[str]()
 
         def warn_once(what: str, place: str) -> None:

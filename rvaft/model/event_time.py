@@ -325,19 +325,6 @@ def duration_text(nanoseconds: int) -> str:
     return f"{nanoseconds // UNITS[unit]} {unit}"
 
 
-def require_format(time: EventTime | None, field: str, form: TimeFormat, whose: str) -> None:
-    """Raise `OptionError` if a tree reads a field, which comes with times of one format, in another one.
-
-    >>> require_format(EventTime(("time",), TimeFormat.SECONDS), "time", TimeFormat.NANOSECONDS, "a recording")
-    Traceback (most recent call last):
-    rvaft.errors.OptionError: the tree reads `time` as s, but a recording has it as ns: write `time time as ns`
-    """
-    if time is not None and time.field == (field,) and time.format is not form:
-        raise OptionError(
-            f"the tree reads `{field}` as {time.format}, but {whose} has it as {form}: write `time {field} as {form}`"
-        )
-
-
 def scaled(number: str, unit: str) -> int | None:
     """Return a decimal number of a unit in nanoseconds, or None if it is too large for a time.
 

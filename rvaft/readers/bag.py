@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
 from rvaft.core.classifier import TreeReads
 from rvaft.errors import OptionError, ToolMissing, TraceError
-from rvaft.model.event_time import TimeFormat, require_format
+from rvaft.model.event_time import TimeFormat
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import BAG_METADATA, InputOptions, Log, LogReader, suffix
@@ -57,8 +57,7 @@ class BagReader(LogReader):
             from rosbags import rosbag1, rosbag2  # noqa: PLC0415
         except ImportError as error:
             raise ToolMissing("rosbags", remedy="pip install '.[bags]' in a checkout of rvaft") from error
-        if isinstance(log.reads, TreeReads):
-            require_format(log.reads.time, TIME, TimeFormat.NANOSECONDS, "a recording")
+        require_nanoseconds(log, "a recording")
         number, ros2 = 0, log.path.suffix != ".bag"
         try:
             with rosbag2.Reader(log.path) if ros2 else rosbag1.Reader(log.path) as bag:
@@ -90,6 +89,14 @@ class BagReader(LogReader):
             raise log.error_at(
                 f"the recording cannot be read: {reason}{mend}", number + 1 if number else None
             ) from error
+
+
+def require_nanoseconds(log: Log, whose: str) -> None:
+    """Raise `OptionError` if the tree of a log reads the field `time`, which has nanoseconds, in another format."""
+    time = log.reads.time if isinstance(log.reads, TreeReads) else None
+    if time is not None and time.field == (TIME,) and time.format is not TimeFormat.NANOSECONDS:
+        problem = f"the tree reads `{TIME}` as {time.format}, but {whose} has it as ns"
+        raise OptionError(f"{problem}: write `time {TIME} as ns`")
 
 
 class _Unread(ValueError):

@@ -156,6 +156,12 @@ def test_what_is_wrong_is_one_line(words: str, said: str) -> None:
     assert "sec" not in result.output.replace("second", "")
 
 
+def test_a_tree_that_reads_seconds_is_refused_before_it_connects(tmp_path: Path) -> None:
+    (tmp_path / "tree.rvaft").write_text("time time as s; top sand a b within 1 s; a; b;")
+    said = "but a message of MQTT has it as ns: write `time time as ns`"
+    failed(run("monitor", tmp_path / "tree.rvaft", "mqtt://127.0.0.1:1/x"), said)
+
+
 def test_only_monitor_reads_without_end() -> None:
     failed(run("coverage", SAND, "mqtt://h/x"), "only rvaft monitor and rvaft view --follow read URLs")
     with pytest.raises(rvaft.OptionError, match="live events need a URL"):

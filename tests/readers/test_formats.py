@@ -397,6 +397,17 @@ def test_recordings(kind: str, tmp_path: Path) -> None:
     assert "verdict true after 7 events" in run("monitor", tree, tmp_path / "m*").stdout
 
 
+def test_a_tree_that_reads_seconds_is_refused_for_a_recording(tmp_path: Path) -> None:
+    """Its windows of seconds would never hold between times in nanoseconds."""
+    pytest.importorskip("rosbags")
+    for form in ("s", "ms", "iso8601", "ns"):
+        tree = written(tmp_path / f"{form}.rvaft", f"time time as {form}; top sand a b within 1 s; a; b;")
+        for command in ("monitor", "coverage"):
+            result = run(command, tree, LOGS / "mission.mcap")
+            assert ("but a recording has it as ns: write `time time as ns`" in result.stderr) is (form != "ns")
+            assert (result.exit_code == 2) is (form != "ns")
+
+
 def test_damaged_files(tmp_path: Path) -> None:
     """One line each, whatever is wrong; what can be read is monitored."""
     pytest.importorskip("rosbags")

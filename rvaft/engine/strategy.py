@@ -1,0 +1,99 @@
+"""The interface of a strategy: how the engine follows the matches of a tree."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
+from typing import ClassVar, NamedTuple, Self
+
+from rvaft.engine.compiled_tree import CompiledTree, EngineLetters, EventClass, Inert, Reading
+from rvaft.model.values import Json
+from rvaft.model.verdict import Verdict
+from rvaft.monitors import Explanation, Pending
+
+
+class Progress(NamedTuple):
+    """The progress of some partial matches, for coverage.
+
+    `taken` maps the nodes taken to the positions of their events; the guards of `dead` nodes failed.
+    Unless `exact`, a partial match may omit some nodes. `awaited` returns the names of the awaited
+    nodes of the partial match with only the given nodes.
+    """
+
+    taken: Mapping[int, int]
+    dead: Collection[int]
+    exact: bool
+    awaited: Callable[[Collection[int]], Collection[str]]
+
+
+class Strategy(ABC):
+    """The state of a monitor: all that it remembers of the events so far.
+
+    The engine classifies an event by `letters`, reads it, and advances. After a final verdict it
+    does not advance again.
+    """
+
+    letters: EngineLetters
+    """The letters of the tree."""
+    noted: bool
+    """Whether the last event may be in a match; False is certain."""
+    joins: ClassVar[bool] = False
+    """Whether events are joined with many partial matches."""
+
+    @abstractmethod
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """Return the reading of an event in the current state."""
+
+    @abstractmethod
+    def advance(self, reading: Reading, position: int) -> Verdict:
+        """Return the verdict after one more event."""
+
+    def inert(self, event_class: EventClass) -> Inert | None:  # noqa: ARG002
+        """Return which events of a class change nothing until another event is read.
+
+        None means that each event must be read.
+        """
+        return None
+
+    def forget(self, watermark: int) -> None:  # noqa: B027 (most need not)
+        """Set the watermark, the minimum time of later events, and drop what it rules out."""
+
+    @abstractmethod
+    def fork(self) -> Self:
+        """Return an independent copy."""
+
+    @property
+    @abstractmethod
+    def state(self) -> Hashable:
+        """Equal states of one tree have equal futures."""
+
+    @abstractmethod
+    def snapshot(self) -> object:
+        """Return the state for `restore`: only the classes that a checkpoint admits."""
+
+    @abstractmethod
+    def restore(self, snapshot: object) -> None:
+        """Restore a snapshot of the same tree."""
+
+    @abstractmethod
+    def explain(self) -> Explanation:
+        """Return one match of the lowest-numbered branch that has a match, after ⊤.
+
+        Its branch is None if the search takes too long.
+        """
+
+    @abstractmethod
+    def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:
+        """Return the awaited events of each live branch.
+
+        `before` selects the state before the event at this position, which ended the last partial
+        match. Beyond `limit` branches, all branches are joined.
+        """
+
+
+class Measured(Strategy):
+    """A strategy whose partial matches coverage can compare."""
+
+    compiled: CompiledTree
+
+    @abstractmethod
+    def progress(self) -> Iterable[Progress]:
+        """Return the progress of the partial matches, without those with equal futures."""

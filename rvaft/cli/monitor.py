@@ -14,7 +14,7 @@ from rvaft.cli import FAILED, Failures, native, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
-from rvaft.cli.native_run import NativeEngine, NativeRun
+from rvaft.cli.native_run import NativeMatches, NativeRun
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import NotExpressible, TooLarge, ToolMissing
 from rvaft.export import PICTURES
@@ -285,7 +285,7 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any], native_run: Nat
             with options.suggesting():
                 return translate(part, backend, semantics=semantics).monitor()
         if native_run is not None:
-            return NativeEngine(part, native_run)
+            return Engine(part, semantics, strategy=NativeMatches(part, native_run))
         try:
             return monitor(part, semantics=semantics, limit=limit)
         except TooLarge as error:

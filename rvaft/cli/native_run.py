@@ -1,18 +1,19 @@
 """A run in which a compiled monitor replaces the joins of the engine.
 
 Events are read as without `--native`. `NativeRun` passes each block of the log to the compiled monitor
-before the block is read, and `NativeEngine` detects at the events that the compiled monitor named.
+before the block is read, and `NativeMatches` detects at the events that the compiled monitor named.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
+from copy import copy
 from dataclasses import replace
 from io import BufferedIOBase
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import BinaryIO, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
 
 import msgspec
 
@@ -20,14 +21,14 @@ from rvaft.api import monitor
 from rvaft.backend import Specification, backend
 from rvaft.cli import warn
 from rvaft.core.classifier import TreeReads
-from rvaft.core.passes import property_of
-from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading
-from rvaft.engine.monitor import Engine
-from rvaft.errors import RvaftError, TooLarge, ToolFailed, TraceError
+from rvaft.core.passes import property_of, reduced
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
+from rvaft.engine.strategy import Strategy
+from rvaft.errors import OptionError, RvaftError, TooLarge, ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Explanation
+from rvaft.monitors import Explanation, Pending
 from rvaft.readers.json_lines import decode, event_on
 from rvaft.readers.log import BOM
 from rvaft.stream.keys import Key
@@ -232,45 +233,48 @@ class NativeRun:
         return found
 
 
-class NativeEngine(Engine):
-    """The engine of a tree, which detects where a `NativeRun` does, under `scattered`."""
+class NativeMatches(Strategy):
+    """Detects where a `NativeRun` does, under `scattered`."""
+
+    noted = False
+    """The buffer has the events of a match when it is explained."""
 
     def __init__(self, tree: RVAFT, run: NativeRun) -> None:
-        super().__init__(tree, Semantics.SCATTERED)
+        self.letters = TreeLetters(CompiledTree(reduced(property_of(tree))))
         self._run = run
         self._match: Sequence[MatchedLine] = ()
 
-    @property
-    def read(self) -> Callable[[Mapping[str, Json], EventClass], Reading]:
-        """The function from an event and its class to a reading."""
-        return lambda _, event_class: _HIT if event_class.serving else NOTHING
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:  # noqa: ARG002
+        """Return whether an event may be in a match."""
+        return _HIT if event_class.serving else NOTHING
 
-    def inert(self, event_class: EventClass) -> Inert | None:  # noqa: ARG002
-        """Return None: each event must be read."""
-        return None
-
-    @property
-    def noted(self) -> bool:
-        """False: the buffer has the events of a match when it is explained."""
-        return False
-
-    def take(self, reading: Reading, position: int | None = None) -> Verdict:  # noqa: ARG002
+    def advance(self, reading: Reading, position: int) -> Verdict:
         """Return the verdict after the event with the number `position`."""
-        assert position is not None, "a run numbers the events"
-        if self._verdict is Verdict.UNKNOWN:
-            self._position = position
+        if reading is _HIT:
             self._match = self._run.match(position)
-            if self._match:
-                self._verdict = Verdict.TRUE
-        return self._verdict
+        return Verdict.TRUE if self._match else Verdict.UNKNOWN
 
-    def pass_time(self, latest: int | None) -> None:
-        """Set the maximum event time."""
-        self._latest = latest
+    def fork(self) -> Self:
+        """Return a copy, which reads the same run."""
+        return copy(self)
 
     @property
-    def explanation(self) -> Explanation | None:
-        """The match that the native monitor found, after ⊤."""
-        if self._explanation is None and self._match:
-            self._explanation = self._run.explanation(self._match)
-        return self._explanation
+    def state(self) -> Hashable:
+        """The events read determine the state."""
+        return id(self)
+
+    def snapshot(self) -> object:
+        """Refuse: the state is in another process."""
+        raise OptionError("a native monitor has no snapshot")
+
+    def restore(self, snapshot: Any) -> None:  # noqa: ARG002
+        """Refuse: there is no snapshot."""
+        raise OptionError("a native monitor has no snapshot")
+
+    def explain(self) -> Explanation:
+        """Return the match that the native monitor found."""
+        return self._run.explanation(self._match)
+
+    def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:  # noqa: ARG002
+        """Refuse: the partial matches are in another process."""
+        raise OptionError("a native monitor does not list the awaited events")

@@ -1,8 +1,9 @@
 """Coverage of the branches of a tree by several logs."""
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from io import BufferedIOBase, IOBase
 from itertools import chain, combinations, islice
 from math import inf
@@ -17,14 +18,10 @@ from rvaft.core.part_numbers import PartKind
 from rvaft.core.passes import of_branch, reduced
 from rvaft.core.property import All, Event, Property, Source, Times
 from rvaft.core.scenarios import is_empty, transitive
-from rvaft.engine import Engine
-from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
-from rvaft.engine.configuration import Configuration, Witness, history
 from rvaft.engine.explanation import awaited
 from rvaft.engine.monitor import DEFAULT_LIMIT
-from rvaft.engine.partial_matches import Following
-from rvaft.engine.scattered_linear import LinearMonitor, LinearRun
+from rvaft.engine.selection import measured_strategy
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import holds
 from rvaft.model.nodes import Kind
@@ -174,86 +171,60 @@ class Reach(NamedTuple):
     awaited: tuple[Awaited, ...]
 
 
-class AlternativeFollower(Engine):
+class AlternativeFollower:
     """The monitor of an alternative of a branch; it keeps its best partial matches.
 
     Under `scattered`, only better partial matches replace others, so one comparison at the end
-    suffices. Otherwise they are compared whenever they grow.
+    suffices. Otherwise they are compared after each event.
     """
 
-    _apart = False  # measure the joint progress of all parts
-
     def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
-        self._alternative = prop
-        super().__init__(prop.tree, semantics, limit=limit)
-        if isinstance(self._strategy, Following):
-            # a partial match counts even if no time could complete it
-            self._strategy.matching.early_differences.clear()
-            self._strategy.matching.windows = frozenset()
-        assert not isinstance(self._strategy, Alternatives), "an alternative has no others beside it"
+        self.verdict = Verdict.UNKNOWN
+        self._tree, self._semantics = prop.tree, semantics
+        self._strategy = measured_strategy(prop, semantics, limit=limit)
         self._shortest = LackingEvents(self._strategy.compiled)
-        self._size = 0
         self._lacking, self._last = self._shortest.fewest({})[0], 0
-        self._best: list[Witness | None] = [None]
+        self._best: dict[Hashable, Callable[[], Collection[str]]] = {}
+        """The functions that return the awaited nodes of the best partial matches."""
+        self._look()
 
-    def _property(self) -> Property:
-        return self._alternative
+    def fork(self) -> Self:
+        """Return an independent copy."""
+        twin = copy(self)
+        twin._strategy, twin._best = self._strategy.fork(), self._best.copy()  # noqa: SLF001
+        return twin
 
     def follow(self, number: int, event: Json, *, fits: bool) -> None:
         """Read the event with this number; skipped events change nothing.
 
         `fits` is False only if it is no event of this branch.
         """
-        self.skip(number - 1 - self._read)
-        verdict = self.take(
-            Reading(relevant=True, hits=self.read(event, self.letters.classify(event)).hits if fits else ())
-        )
-        if verdict is Verdict.UNKNOWN and self.semantics is not Semantics.SCATTERED:
+        strategy = self._strategy
+        hits = strategy.read(event, strategy.letters.classify(event)).hits if fits else ()
+        self.verdict = strategy.advance(Reading(relevant=True, hits=hits), number)
+        if self.verdict is Verdict.TRUE:
+            self._lacking, self._last = 0, number
+            self._best.clear()
+        elif self.verdict is Verdict.UNKNOWN and self._semantics is not Semantics.SCATTERED:
             self._look()
 
     def reach(self) -> Reach:
         """Return the progress at the end of the log; nothing is missing after a detection."""
-        if self.verdict is Verdict.TRUE:
-            return Reach(0, self._position, ())
-        strategy, waiting = self._strategy, set[str]()
-        assert not isinstance(strategy, Alternatives), "an alternative has no others beside it"
-        if isinstance(strategy, LinearMonitor):  # the best match may omit some events taken, so it is replayed alone
-            fired = {node: position for node, (position, _) in strategy.run.fired.items()}
-            lacking, nodes = self._shortest.fewest(fired, exact=False)
-            run, last = LinearRun(strategy.compiled, strategy.starts), 0
-            for node, (position, values) in strategy.run.fired.items():
-                if node in nodes:
-                    run.fire([(node, values)], position)
-                    last = position
-            return Reach(lacking, last, awaited(self.tree, {strategy.compiled.names[node] for node in run.awaited()}))
-        if self.semantics is Semantics.SCATTERED:
+        if self.verdict is Verdict.UNKNOWN and self._semantics is Semantics.SCATTERED:
             self._look()
-        for witness in self._best:
-            steps = ((step.node, step.values, step.position) for step in history(witness))
-            match = strategy.matching.replayed(steps)
-            assert match is not None, "a partial match can be made again"
-            waiting.update(strategy.matching.admitted(match))
-        return Reach(self._lacking, self._last, awaited(self.tree, waiting))
+        waiting = {name for awaited_by in self._best.values() for name in awaited_by()}
+        return Reach(self._lacking, self._last, awaited(self._tree, waiting))
 
     def _look(self) -> None:
-        assert isinstance(self._strategy, Following), "the linear way has no partial matches"
-        partial = self._strategy.partial
-        if self.semantics.ends:
-            size = partial[0].taken.bit_count()  # equal for all: each has used all events that count
-            if size == self._size:
-                return
-            self._size = size
-        alike: dict[Hashable, Configuration] = {}  # the first of equivalent partial matches
-        for match in partial:
-            alike.setdefault((match.taken, match.dead, match.inversions), match)
-        for match in alike.values():
-            last = 0 if match.witness is None else match.witness.position
-            taken = {step.node: step.position for step in history(match.witness)}
-            lacking, _ = self._shortest.fewest(taken, [*bits(match.dead)])
+        for progress in self._strategy.progress():
+            taken, dead = progress.taken, progress.dead
+            lacking, nodes = self._shortest.fewest(taken, dead, exact=progress.exact)
+            last = max((position for node, position in taken.items() if node in nodes), default=0)
             if (lacking, last) < (self._lacking, self._last):
-                self._lacking, self._last, self._best = lacking, last, []
-            if (lacking, last) == (self._lacking, self._last) and match.witness not in self._best:
-                self._best = [*self._best, match.witness]
+                self._lacking, self._last = lacking, last
+                self._best.clear()
+            if (lacking, last) == (self._lacking, self._last):
+                self._best[(*taken.items(), *dead)] = partial(progress.awaited, nodes)
 
 
 class BranchFollower:

@@ -3,14 +3,12 @@
 from collections.abc import Collection, Hashable, Mapping, Sequence
 from copy import copy
 from itertools import chain
-from typing import NamedTuple, Self
+from typing import Any, Self
 
 from rvaft.core.classifier import GuardTable, joined_tables
 from rvaft.engine.compiled_tree import NOTHING, EngineLetters, EventClass, Reading
-from rvaft.engine.configuration import Snapshot
-from rvaft.engine.explanation import explain, pending, together
-from rvaft.engine.partial_matches import Following
-from rvaft.engine.scattered_linear import LinearMonitor, LinearSnapshot
+from rvaft.engine.explanation import together
+from rvaft.engine.strategy import Measured, Strategy
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -34,27 +32,29 @@ class AlternativeLetters(EngineLetters):
         return joined_tables([one.table(possible) for one in self._letters], join)
 
 
-class AlternativesSnapshot(NamedTuple):
-    """The verdicts after and before the last event, and the snapshots."""
-
-    verdicts: list[Verdict]
-    last: list[Verdict]
-    parts: list[LinearSnapshot | Snapshot]
-
-
-class Alternatives:
+class Alternatives(Strategy):
     """The strategies of the alternatives: true if one is true, false if all are false."""
 
-    def __init__(self, parts: Sequence[Following | LinearMonitor]) -> None:
+    def __init__(self, parts: Sequence[Measured]) -> None:
         self.letters = AlternativeLetters([one.letters for one in parts])
         self.parts = tuple(parts)
         self.verdicts = [Verdict.UNKNOWN] * len(self.parts)
         self._last = self.verdicts
 
     @property
-    def noted(self) -> bool:
+    def noted(self) -> bool:  # type: ignore[override]
         """Whether the last event may be part of a match."""
         return any(strategy.noted for strategy in self.parts)
+
+    @property
+    def joins(self) -> bool:  # type: ignore[override]
+        """Whether events are joined with many partial matches.
+
+        Without `late` in all alternatives: the others also decide which events the monitor regards.
+        """
+        joined = [strategy.joins for strategy in self.parts]
+        time = self.parts[0].compiled.prop.time
+        return any(joined) and (all(joined) or (time is not None and time.late is not None))
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
         """Return the readings by the alternatives."""
@@ -92,30 +92,30 @@ class Alternatives:
         pairs = zip(self.verdicts, self.parts, strict=True)
         return tuple(strategy.state if verdict is Verdict.UNKNOWN else verdict for verdict, strategy in pairs)
 
-    def snapshot(self) -> AlternativesSnapshot:
+    def snapshot(self) -> object:
         """Return the state for `restore`."""
-        return AlternativesSnapshot(list(self.verdicts), self._last, [strategy.snapshot() for strategy in self.parts])
+        return list(self.verdicts), self._last, [strategy.snapshot() for strategy in self.parts]
 
-    def restore(self, snapshot: object) -> None:
+    def restore(self, snapshot: Any) -> None:
         """Restore a snapshot of the same property."""
-        assert isinstance(snapshot, AlternativesSnapshot), "made by the same strategy"
-        self.verdicts, self._last = list(snapshot.verdicts), snapshot.last
-        for strategy, state in zip(self.parts, snapshot.parts, strict=True):
+        verdicts, self._last, states = snapshot
+        self.verdicts = list(verdicts)
+        for strategy, state in zip(self.parts, states, strict=True):
             strategy.restore(state)
 
-    def explanation(self) -> Explanation:
+    def explain(self) -> Explanation:
         """Return a match of the lowest-numbered branch."""
         pairs = zip(self.verdicts, self.parts, strict=True)
-        found = [explain(strategy) for verdict, strategy in pairs if verdict is Verdict.TRUE]
+        found = [strategy.explain() for verdict, strategy in pairs if verdict is Verdict.TRUE]
         return min(found, key=lambda one: (one.branch is None, one.branch or 0))
 
     def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:
-        """As `explanation.pending`."""
+        """Return the awaited events of each live branch."""
         verdicts = self.verdicts if before is None else self._last
         found = [
             one
             for verdict, strategy in zip(verdicts, self.parts, strict=True)
             if verdict is Verdict.UNKNOWN
-            for one in pending(strategy, limit=limit, before=before)
+            for one in strategy.pending(limit, before=before)
         ]
         return tuple(sorted(together(found), key=lambda one: (one.branch is None, one.branch or 0)))

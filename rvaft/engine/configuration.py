@@ -14,10 +14,10 @@ node to the root of the part.
 """
 
 from collections.abc import Hashable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import chain
 from operator import add
-from typing import Final, NamedTuple, Optional, TypeAlias
+from typing import Any, Final, NamedTuple, Optional, TypeAlias, cast
 
 from rvaft.core.part_numbers import PartKind
 from rvaft.engine.compiled_tree import CompiledTree
@@ -72,6 +72,11 @@ class Configuration:
         return Configuration(self.dead, self.closed, self.taken, *own, self.witness)
 
     @property
+    def fields(self) -> tuple[object, ...]:
+        """The fields in order; the last is the witness."""
+        return tuple([getattr(self, name) for name in Configuration.__slots__])
+
+    @property
     def key(self) -> Hashable:
         """A key that is equal for partial matches with equal futures."""
         return self.taken, self.dead, self.inversions, fingerprint(self.binding)
@@ -86,45 +91,40 @@ def history(last: Witness | None) -> list[Witness]:
     return steps[::-1]
 
 
-class Snapshot(NamedTuple):
-    """Groups of partial matches in a flat form, because pickling long chains of steps recurses too
-    deeply.
+FlatGroups: TypeAlias = tuple[list[tuple[int, int, int, Mapping[str, Json]]], list[list[tuple[object, ...]]]]
+"""Groups of partial matches as plain data, because pickling long chains of steps recurses too deeply.
 
-    A step is the index of the step before it (or -1), node, position and values. Each partial match
-    has the index of its last step instead of its witness.
-    """
+A step is the index of the step before it (or -1), node, position and values. A partial match is the
+tuple of its fields, with the index of its last step instead of the witness.
+"""
 
-    steps: list[tuple[int, int, int, Mapping[str, Json]]]
-    groups: list[list[tuple[Configuration, int]]]
-    begun: int = 0
-    """The nodes of parts that need not begin again."""
 
-    @classmethod
-    def of(cls, *groups: list[Configuration]) -> "Snapshot":
-        """Return a snapshot that later steps do not change."""
-        found, numbers = cls([], []), dict[int, int]()
-        for one in chain(*groups):
-            step, new = one.witness, []
-            while step is not None and id(step) not in numbers:
-                new.append(step)
-                step = step.before
-            for step in reversed(new):
-                numbers[id(step)] = len(found.steps)
-                before = -1 if step.before is None else numbers[id(step.before)]
-                found.steps.append((before, step.node, step.position, step.values))
-        for group in groups:
-            found.groups.append(
-                [(replace(one.copy(), witness=None), numbers.get(id(one.witness), -1)) for one in group]
-            )
-        return found
+def flattened(*groups: list[Configuration]) -> FlatGroups:
+    """Return groups of partial matches as data that later steps do not change."""
+    steps: list[tuple[int, int, int, Mapping[str, Json]]] = []
+    numbers = dict[int, int]()
+    for one in chain(*groups):
+        step, new = one.witness, list[Witness]()
+        while step is not None and id(step) not in numbers:
+            new.append(step)
+            step = step.before
+        for step in reversed(new):
+            numbers[id(step)] = len(steps)
+            before = -1 if step.before is None else numbers[id(step.before)]
+            steps.append((before, step.node, step.position, step.values))
+    return steps, [[(*one.copy().fields[:-1], numbers.get(id(one.witness), -1)) for one in some] for some in groups]
 
-    def groups_again(self) -> Iterator[list[Configuration]]:
-        """Iterate over the restored groups."""
-        steps: list[Witness] = []
-        for before, node, position, values in self.steps:
-            steps.append(Witness(None if before < 0 else steps[before], node, position, values))
-        for group in self.groups:
-            yield [replace(one.copy(), witness=None if last < 0 else steps[last]) for one, last in group]
+
+def unflattened(flat: FlatGroups) -> Iterator[list[Configuration]]:
+    """Iterate over the restored groups."""
+    steps: list[Witness] = []
+    for before, node, position, values in flat[0]:
+        steps.append(Witness(None if before < 0 else steps[before], node, position, values))
+    for group in flat[1]:
+        made = [Configuration(*fields).copy() for *fields, _ in cast("Any", group)]
+        for one, (*_, last) in zip(made, group, strict=True):
+            one.witness = None if (step := cast("int", last)) < 0 else steps[step]
+        yield made
 
 
 TOUCHED, DONE, MORE, SURE = 1, 2, 4, 8

@@ -13,7 +13,8 @@ from typing import Any, Final, NamedTuple, Self
 
 from rvaft.engine.compiled_tree import NOTHING, Admission, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
-from rvaft.engine.partial_matches import Following, Matching
+from rvaft.engine.following import Following
+from rvaft.engine.partial_matches import Matching
 from rvaft.engine.stages import Stage, StageMove, Stages, agree
 from rvaft.model.values import Json, exact
 from rvaft.model.verdict import Semantics, Verdict
@@ -127,8 +128,10 @@ class FrontierTable(Stages):
 class ContiguousMatches(Following):
     """All partial matches use the same events; under `consecutive`, the same since their first."""
 
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
-        super().__init__(compiled, letters, limit=limit, early=semantics is Semantics.CONSECUTIVE)
+    def __init__(
+        self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int, early: bool = True
+    ) -> None:
+        super().__init__(compiled, letters, limit=limit, early=early and semantics is Semantics.CONSECUTIVE)
         self._projected = semantics is not Semantics.STRICT
         begins = semantics is Semantics.CONSECUTIVE
         self._stages = FrontierTable(self.matching, begins=begins)

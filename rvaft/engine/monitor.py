@@ -1,26 +1,13 @@
 """The engine as a monitor."""
 
 from collections.abc import Callable, Hashable, Mapping
-from typing import Any, ClassVar, Final, Self
+from typing import Any, Final, Self
 
 from rvaft.core.passes import property_of, reduced
-from rvaft.core.property import Property
-from rvaft.engine.alternatives import Alternatives
-from rvaft.engine.compiled_tree import (
-    NOTHING,
-    CompiledTree,
-    EngineLetters,
-    EventClass,
-    Inert,
-    Reading,
-    TreeLetters,
-)
-from rvaft.engine.contiguous import SMALL, ContiguousMatches
-from rvaft.engine.explanation import explain, pending, together
-from rvaft.engine.partial_matches import Contiguous, Following
-from rvaft.engine.scattered_general import ScatteredMatches
-from rvaft.engine.scattered_linear import LinearMonitor, linear_starts
-from rvaft.engine.settled_choices import SettledChoices
+from rvaft.engine.compiled_tree import NOTHING, EngineLetters, EventClass, Inert, Reading
+from rvaft.engine.explanation import together
+from rvaft.engine.selection import strategy_of
+from rvaft.engine.strategy import Strategy
 from rvaft.model.event_time import Jump
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -35,6 +22,7 @@ class Engine(Monitor):
     """The default monitor of a tree; for one branch or kind, pass the restricted tree.
 
     Raises `TooLarge` beyond `limit` partial matches, kept events, or steps through shared choices.
+    `strategy` replaces that of the tree.
 
     >>> import rvaft
     >>> monitor = Engine(rvaft.loads("top sand a b;"))
@@ -42,10 +30,14 @@ class Engine(Monitor):
     (['?', '⊤'], {'a': [1], 'b': [2]})
     """
 
-    _apart: ClassVar = True
-    """Whether independent parts are followed separately."""
-
-    def __init__(self, tree: RVAFT, semantics: Semantics | str | None = None, *, limit: int = DEFAULT_LIMIT) -> None:
+    def __init__(
+        self,
+        tree: RVAFT,
+        semantics: Semantics | str | None = None,
+        *,
+        limit: int = DEFAULT_LIMIT,
+        strategy: Strategy | None = None,
+    ) -> None:
         super().__init__()
         self.tree = tree
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
@@ -57,16 +49,9 @@ class Engine(Monitor):
         self._ended: Ended | None = None
         self._limit = limit
         self._may_be_late = tree.time is not None and tree.time.late is not None
-        prop = self._property()
-        found = [_strategy(one, self.semantics, limit, apart=self._apart) for one in prop.alternatives]
-        self._strategy: Following | LinearMonitor | Alternatives
-        if len(found) == 1:
-            self._strategy = found[0]
-        else:
-            self._strategy = Alternatives(found)
-
-    def _property(self) -> Property:
-        return reduced(property_of(self.tree))
+        if strategy is None:
+            strategy = strategy_of(reduced(property_of(tree)), self.semantics, limit=limit)
+        self._strategy = strategy
 
     def snapshot(self) -> dict[str, object]:
         """Return the state for `restore`; it can be pickled."""
@@ -102,19 +87,12 @@ class Engine(Monitor):
 
         None means that each event must be read.
         """
-        strategy = self._strategy
-        return strategy.inert(event_class) if isinstance(strategy, LinearMonitor | ScatteredMatches) else None
+        return self._strategy.inert(event_class)
 
     @property
     def joins(self) -> bool:
-        """Whether events are joined with many partial matches.
-
-        Without `late` in all alternatives: the others also decide which events the monitor regards.
-        """
-        strategy = self._strategy
-        parts = strategy.parts if isinstance(strategy, Alternatives) else (strategy,)
-        joined = [isinstance(one, ScatteredMatches) for one in parts]
-        return any(joined) and (all(joined) or self._may_be_late)
+        """Whether events are joined with many partial matches."""
+        return self._strategy.joins
 
     @property
     def noted(self) -> bool:
@@ -199,9 +177,7 @@ class Engine(Monitor):
     def explanation(self) -> Explanation | None:
         """One match of the lowest-numbered branch that has a match, after ⊤."""
         if self._explanation is None and self.verdict is Verdict.TRUE:
-            self._explanation = (
-                self._strategy.explanation() if isinstance(self._strategy, Alternatives) else explain(self._strategy)
-            )
+            self._explanation = self._strategy.explain()
         return self._explanation
 
     def pending(self, *, limit: int = DEFAULT_BRANCHES) -> tuple[Pending, ...]:
@@ -209,10 +185,7 @@ class Engine(Monitor):
         return () if self.verdict.final else self._pending(limit)
 
     def _pending(self, limit: int, before: int | None = None) -> tuple[Pending, ...]:
-        if isinstance(self._strategy, Alternatives):
-            found = self._strategy.pending(limit, before=before)
-        else:
-            found = pending(self._strategy, limit=limit, before=before)
+        found = self._strategy.pending(limit, before=before)
         of_branch = self.tree.part_of is not None and self.tree.part_of.branch is not None
         if of_branch or len({one.branch for one in found} - {None}) <= limit:
             return found
@@ -227,15 +200,3 @@ class Engine(Monitor):
             waiting = self._pending(DEFAULT_BRANCHES, self._position)
             self._ended = Ended(self._position, waiting)
         return self._ended
-
-
-def _strategy(prop: Property, semantics: Semantics, limit: int, *, apart: bool) -> Following | LinearMonitor:
-    compiled = CompiledTree(prop)
-    letters = TreeLetters(compiled, decide=semantics is Semantics.SCATTERED)
-    if semantics is not Semantics.SCATTERED:
-        staged = semantics is Semantics.CONSECUTIVE or len(compiled.names) <= SMALL
-        return (ContiguousMatches if staged else Contiguous)(compiled, letters, semantics, limit=limit)
-    starts = linear_starts(compiled, letters)
-    if starts is not None:
-        return LinearMonitor(compiled, letters, starts, limit=limit)
-    return ScatteredMatches(compiled, letters, SettledChoices(compiled), limit=limit, apart=apart)

@@ -1,21 +1,16 @@
-"""The extension of partial matches, and the strategy of large trees under `strict` and `projected`."""
+"""The extension of partial matches."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
-from copy import copy
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Final, Self
+from typing import Final
 
 from rvaft.core.times import TimeDifference
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
-from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Snapshot, Witness
+from rvaft.engine.compiled_tree import CompiledTree
+from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Witness
 from rvaft.engine.shared_nodes import SharedNodes
-from rvaft.errors import TooLarge
 from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, equal
-from rvaft.model.verdict import Semantics, Verdict
-from rvaft.support.bits import bits, union
 
 REMEMBERED: Final = 10_000
 """Maximum number of partial matches that a replay remembers."""
@@ -210,131 +205,3 @@ class Matching:
 
 def _may_hold(differences: Iterable[TimeDifference], binding: Mapping[str, Json]) -> bool:
     return all(one.holds(binding) for one in differences)
-
-
-class Following(ABC):
-    """A strategy that follows all partial matches; raises `TooLarge` beyond `limit` of them."""
-
-    uses_up: ClassVar = True
-    """Whether a partial match must use every event that counts."""
-
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int, early: bool = False) -> None:
-        self.compiled = compiled
-        self.limit = limit
-        self.matching = Matching(compiled, limit=limit, early=early)
-        self.letters = letters
-        self.noted = True
-        """Whether the last event may be in a match."""
-        self.matches: list[Configuration] = []
-        """The matches, after a detection."""
-        self.lost: list[Configuration] = []
-        """After ⊥, the partial matches before the last event, perhaps with a step of it."""
-
-    def _begin(self) -> None:
-        start = self.matching.start()
-        self.follow([start] if self.matching.standing(start)[1] else [])
-
-    def forget(self, watermark: int) -> None:  # noqa: B027 (most need not)
-        """Set the watermark, the minimum time of later events."""
-
-    @abstractmethod
-    def follow(self, configurations: Iterable[Configuration]) -> None:
-        """Replace the followed partial matches."""
-
-    @property
-    @abstractmethod
-    def partial(self) -> list[Configuration]:
-        """The followed partial matches."""
-
-    @property
-    def combined(self) -> list[Configuration]:
-        """The partial matches, combined over independent parts."""
-        return self.partial
-
-    @abstractmethod
-    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event."""
-
-    @abstractmethod
-    def advance(self, reading: Reading, position: int) -> Verdict:
-        """Return the verdict after one more event."""
-
-    def fork(self) -> Self:
-        """Return an independent copy."""
-        twin = copy(self)
-        twin.follow(self.partial)
-        return twin
-
-    @property
-    def state(self) -> Hashable:
-        """Equal states have equal futures."""
-        return frozenset(configuration.key for configuration in self.partial)
-
-    def snapshot(self) -> Snapshot:
-        """Return the state for `restore`."""
-        return Snapshot.of(self.partial, self.matches, self.lost)
-
-    def restore(self, snapshot: object) -> None:
-        """Restore a snapshot of the same tree."""
-        assert isinstance(snapshot, Snapshot), "made by the same strategy"
-        partial, self.matches, self.lost = snapshot.groups_again()
-        self.follow(partial)
-
-    def _bound(self, count: int) -> None:
-        """Raise `TooLarge` beyond the limit, with the variables or nodes that differ."""
-        if count <= self.limit:
-            return
-        bound = {name for configuration in self.partial for name in configuration.binding}
-        if bound:
-            grows = f"the variables {', '.join(sorted(bound))} keep too many values"
-        else:
-            taken = union(configuration.taken for configuration in self.partial)
-            grows = f"too many ways to match {self.compiled.some(bits(taken))}"
-        raise TooLarge(f"partial matches to follow; {grows}", limit=self.limit, remedy=self.compiled.prop.remedy)
-
-
-class Contiguous(Following):
-    """The strategy of large trees under `strict` and `projected`: all partial matches use the same events."""
-
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
-        assert semantics in (Semantics.STRICT, Semantics.PROJECTED), "the others follow stages"
-        super().__init__(compiled, letters, limit=limit)
-        self._projected = semantics is Semantics.PROJECTED
-        self._begin()
-
-    def follow(self, configurations: Iterable[Configuration]) -> None:
-        """Replace the partial matches by copies, because a step may change them."""
-        self._configurations = [configuration.copy() for configuration in configurations]
-
-    @property
-    def partial(self) -> list[Configuration]:
-        """The followed partial matches."""
-        return self._configurations
-
-    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event; only `strict` reads irrelevant events."""
-        if self._projected and not event_class.relevant:
-            return NOTHING
-        return self.letters.read(event, event_class)
-
-    def advance(self, reading: Reading, position: int) -> Verdict:
-        """Return the verdict after one more event."""
-        relevant, hits = reading
-        before = self._configurations
-        if self._projected and not relevant:
-            return Verdict.UNKNOWN if before else Verdict.FALSE
-        steps = [(node, hit.values) for hit in hits for node in hit.nodes]
-        reuse = len(steps) == 1
-        found: dict[Hashable, Configuration] = {}
-        for configuration in before:
-            for node, values in steps:
-                new = self.matching.extended(configuration, node, values, position, reuse=reuse)
-                if new is not None:
-                    found.setdefault(None if reuse and len(before) == 1 else new.key, new)
-            self._bound(len(found))
-        standing = self.matching.standing
-        self.matches = [new for new in found.values() if standing(new)[0]]
-        self._configurations = [] if self.matches else list(found.values())
-        if not found:
-            self.lost = before
-        return Verdict.TRUE if self.matches else Verdict.UNKNOWN if found else Verdict.FALSE

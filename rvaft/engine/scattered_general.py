@@ -20,9 +20,9 @@ from rvaft.engine.compiled_tree import (
     Reading,
     TreeLetters,
 )
-from rvaft.engine.configuration import Configuration, Snapshot, Witness, history
+from rvaft.engine.configuration import Configuration, Witness, flattened, history, unflattened
+from rvaft.engine.following import Following
 from rvaft.engine.independent_parts import Component, IndependentPart, components
-from rvaft.engine.partial_matches import Following
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import UNRANKED, LaneMember, Member, StageGroup, in_order
 from rvaft.engine.stages import Scan, Stage, StageMove, Stages, agree
@@ -102,11 +102,19 @@ class ScatteredMatches(Following):
     """The partial matches by stage; an added partial match does not change."""
 
     uses_up = False
+    joins = True
 
     def __init__(
-        self, compiled: CompiledTree, letters: TreeLetters, choices: SettledChoices, *, limit: int, apart: bool = True
+        self,
+        compiled: CompiledTree,
+        letters: TreeLetters,
+        choices: SettledChoices,
+        *,
+        limit: int,
+        apart: bool = True,
+        early: bool = True,
     ) -> None:
-        super().__init__(compiled, letters, limit=limit, early=True)
+        super().__init__(compiled, letters, limit=limit, early=early)
         self._stages = Stages(self.matching, choices)
         self._components = components(compiled, letters) if apart else ()
         self._part_of = {node: part for one in self._components for part in one.parts for node in bits(part.nodes)}
@@ -206,16 +214,15 @@ class ScatteredMatches(Following):
         """Equal states have equal futures."""
         return (super().state, self._begun) if self._components else super().state
 
-    def snapshot(self) -> Snapshot:
+    def snapshot(self) -> object:
         """Return the state for `restore`."""
-        return Snapshot.of(self.partial, self.matches, self.lost, [self._base])._replace(begun=self._begun)
+        return flattened(self.partial, self.matches, self.lost, [self._base]), self._begun
 
-    def restore(self, snapshot: object) -> None:
+    def restore(self, snapshot: Any) -> None:
         """Restore a snapshot of the same tree."""
-        assert isinstance(snapshot, Snapshot), "made by the same strategy"
-        self._begun = snapshot.begun
-        partial, self.matches, self.lost, (self._base,) = snapshot.groups_again()
-        self.follow(partial)
+        groups, self._begun = snapshot
+        followed, self.matches, self.lost, (self._base,) = unflattened(groups)
+        self.follow(followed)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
         """Return the letters that may change something now."""

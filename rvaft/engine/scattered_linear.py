@@ -8,10 +8,11 @@ decides a choice. The total work is linear in the tree, plus a look-up per event
 """
 
 from collections import Counter
-from collections.abc import Callable, Container, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
+from functools import cached_property
 from itertools import chain, combinations, product
-from typing import Final, NamedTuple, Self, TypeAlias
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.patterns import Overlaps
@@ -26,9 +27,22 @@ from rvaft.engine.compiled_tree import (
     Reading,
     TreeLetters,
 )
+from rvaft.engine.explanation import (
+    Choices,
+    FoundMatch,
+    MatchSearch,
+    Step,
+    explained_match,
+    explanation_of,
+    found_match,
+    pending,
+    possible_nodes,
+)
+from rvaft.engine.strategy import Measured, Progress
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
+from rvaft.monitors import Explanation, Pending
 from rvaft.support.bits import union
 
 MEMORY: Final = 4096
@@ -339,28 +353,12 @@ class LinearRun:
             self._agenda.append((self._complete, gate))
 
 
-def possible_nodes(
-    compiled: CompiledTree, children: Callable[[int], Sequence[int]], among: Container[int] | None = None
-) -> set[int]:
-    """Return the nodes that can be complete with these children at any time.
-
-    Only nodes in `among` have their event.
-    """
-    able: set[int] = set()
-    for node in range(len(compiled.names) - 1, -1, -1):
-        if (among is None or node in among) and sum(child in able for child in children(node)) >= compiled.need[node]:
-            able.add(node)
-    return able
+def _steps(compiled: CompiledTree, fired: Mapping[int, tuple[int, Mapping[str, Json]]]) -> list[Step]:
+    steps = [(compiled.events[node], position, values) for node, (position, values) in fired.items()]
+    return [Step(source, position, values) for source, position, values in steps if source is not None]
 
 
-class LinearSnapshot(NamedTuple):
-    """The state of the run and of the kept events."""
-
-    run: dict[str, object]
-    useful: dict[str, object]
-
-
-class LinearMonitor:
+class LinearMonitor(Measured):
     """One run over all events, and events to keep for the explanation.
 
     Raises `TooLarge` if more than `limit` events are kept.
@@ -379,9 +377,6 @@ class LinearMonitor:
         self._matter: dict[EventClass, tuple[Admission, ...]] = {}
         """By event class, the letters that matter now."""
 
-    def forget(self, watermark: int) -> None:
-        """Set the watermark, which changes nothing here."""
-
     def fork(self) -> Self:
         """Return an independent copy."""
         twin = copy(self)
@@ -395,13 +390,12 @@ class LinearMonitor:
         """Equal states have equal futures; the events taken determine them."""
         return frozenset(self.run.fired)
 
-    def snapshot(self) -> LinearSnapshot:
+    def snapshot(self) -> object:
         """Return the state for `restore`."""
-        return LinearSnapshot(self.run.state, {} if self.useful is None else self.useful.state)
+        return self.run.state, {} if self.useful is None else self.useful.state
 
-    def restore(self, snapshot: object) -> None:
+    def restore(self, snapshot: Any) -> None:
         """Restore a snapshot of the same tree."""
-        assert isinstance(snapshot, LinearSnapshot), "made by the same strategy"
         run, useful = snapshot
         self._matter.clear()
         vars(self.run).update(run)
@@ -450,15 +444,61 @@ class LinearMonitor:
             self.run.fire(served, position)
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
 
-    def came(self, node: int) -> bool:
-        """Whether a node's own event may have occurred."""
-        return self.useful is None or not self.compiled.own[node] or node in self.useful.own
+    def explain(self) -> Explanation:
+        """Return a match of the lowest-numbered branch."""
+        found, explained = explained_match(_LinearSearch(self))
+        return explanation_of(self.compiled.prop.tree, found.steps, explained)
 
-    def run_under(self, choices: Mapping[int, int]) -> LinearRun:
-        """Return the run with these choices."""
-        if self.useful is None or not choices:
-            return self.run
-        run = LinearRun(self.compiled, self.starts, choices)
-        for position, served in self.useful.entries:
+    def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:  # noqa: ARG002 (never ⊥)
+        """Return the awaited events of each live branch."""
+        return pending(_LinearSearch(self), limit=limit)
+
+    def progress(self) -> Iterable[Progress]:
+        """Return the progress of the run; the best match may omit some events taken."""
+        fired = {node: position for node, (position, _) in self.run.fired.items()}
+        return (Progress(fired, (), exact=False, awaited=self._awaited),)
+
+    def _awaited(self, kept: Collection[int]) -> list[str]:
+        run = LinearRun(self.compiled, self.starts)
+        for node, (position, values) in self.run.fired.items():
+            if node in kept:
+                run.fire([(node, values)], position)
+        return [self.compiled.names[node] for node in run.awaited()]
+
+
+class _LinearSearch(MatchSearch):
+    """Reruns the kept events under choices."""
+
+    def __init__(self, strategy: LinearMonitor) -> None:
+        super().__init__(strategy.compiled)
+        self._strategy = strategy
+
+    def find(self, choices: Choices) -> FoundMatch | None:
+        """Return the match with these choices, or None."""
+        run = self._run(choices)
+        if not run.detected:
+            return None
+        kept = dict(run.scenario())
+        steps = _steps(self.compiled, {node: run.fired[node] for node in kept if node in run.fired})
+        return found_match(self.compiled, sorted(steps, key=lambda step: step.position), kept)
+
+    def waiting(self, choices: Choices | None) -> Iterable[tuple[Iterable[str], Mapping[str, Json]]]:
+        """Return the awaited nodes under these choices; no variable is bound."""
+        return [([self.compiled.names[node] for node in self._run(choices or {}).awaited()], {})]
+
+    @cached_property
+    def came(self) -> frozenset[int]:
+        """The nodes whose own event, if any, may have occurred."""
+        own, useful = self.compiled.own, self._strategy.useful
+        return frozenset(node for node in range(len(own)) if useful is None or not own[node] or node in useful.own)
+
+    def _run(self, choices: Choices) -> LinearRun:
+        compiled, strategy = self.compiled, self._strategy
+        made = {gate: child for gate, child in choices.items() if gate in compiled.choices}
+        if strategy.useful is None or not made:
+            return strategy.run
+        numbers = {compiled.choices[gate]: compiled.child(gate, child) for gate, child in made.items()}
+        run = LinearRun(compiled, strategy.starts, numbers)
+        for position, served in strategy.useful.entries:
             run.fire(served, position)
         return run

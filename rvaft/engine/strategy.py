@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 from rvaft.engine.compiled_tree import CompiledTree, EngineLetters, EventClass, Inert, Reading
 from rvaft.model.values import Json
@@ -67,10 +67,13 @@ class Strategy(ABC):
 
     @abstractmethod
     def snapshot(self) -> object:
-        """Return the state for `restore`: only the classes that a checkpoint admits."""
+        """Return the state for `restore` as plain data, which a checkpoint pickles.
+
+        That is values, tuples, lists, dicts, sets and frozensets, and `Verdict`.
+        """
 
     @abstractmethod
-    def restore(self, snapshot: object) -> None:
+    def restore(self, snapshot: Any) -> None:
         """Restore a snapshot of the same tree."""
 
     @abstractmethod

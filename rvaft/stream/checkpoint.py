@@ -31,9 +31,6 @@ from typing import Any, BinaryIO, Final, cast
 import msgspec
 
 import rvaft
-from rvaft.engine.alternatives import AlternativesSnapshot
-from rvaft.engine.configuration import Configuration, Snapshot
-from rvaft.engine.scattered_linear import LinearSnapshot
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import EventTime, Jump, TextFormat, TimeFormat
@@ -61,7 +58,7 @@ _BATCH: Final = 500
 """Number of traces that are packed together."""
 _EDGE: Final = 1 << 16
 """Bytes hashed at the start of a trace and before the offset."""
-_MAGIC: Final = b"rvaft checkpoint 8\n"
+_MAGIC: Final = b"rvaft checkpoint 9\n"
 _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
@@ -69,18 +66,14 @@ _OF_TREES: Final = (
     *(EventTime, Exact, Jump, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TextFormat, TimeFormat, Verdict),
 )
 _OF_MONITORS: Final = (
-    AlternativesSnapshot,
     Awaited,
     Backwards,
-    Configuration,
     Ended,
     Explanation,
     Field,
-    LinearSnapshot,
     MatchedEvent,
     Ordering,
     Pending,
-    Snapshot,
 )
 _COUNTS: Final = (Assumption, DetectionCount, NearMissCount, DataWarning, DataWarnings, Doubt, Statistics)
 _ALL: Final = (*_BUILT_IN, *_OF_TREES, *_OF_MONITORS, *_COUNTS)

@@ -1,0 +1,181 @@
+"""Strategies that follow all partial matches, and that of large trees under `strict` and `projected`."""
+
+from abc import abstractmethod
+from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from functools import partial
+from typing import Any, ClassVar, Final, Self
+
+from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
+from rvaft.engine.configuration import Configuration, Witness, flattened, history, unflattened
+from rvaft.engine.explanation import explained_match, explanation_of, pending
+from rvaft.engine.partial_matches import Matching
+from rvaft.engine.replay import Replay, steps_of
+from rvaft.engine.strategy import Measured, Progress
+from rvaft.errors import TooLarge
+from rvaft.model.values import Json
+from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import Explanation, Pending
+from rvaft.support.bits import bits, union
+
+REMEMBERED: Final = 10_000
+"""The maximum number of remembered searches for the match to explain."""
+
+
+class Following(Measured):
+    """A strategy that follows all partial matches; raises `TooLarge` beyond `limit` of them."""
+
+    letters: TreeLetters
+    uses_up: ClassVar = True
+    """Whether a partial match must use every event that counts."""
+
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int, early: bool = False) -> None:
+        self.compiled = compiled
+        self.limit = limit
+        self.matching = Matching(compiled, limit=limit, early=early)
+        self.letters = letters
+        self.noted = True
+        """Whether the last event may be in a match."""
+        self.matches: list[Configuration] = []
+        """The matches, after a detection."""
+        self.lost: list[Configuration] = []
+        """After ⊥, the partial matches before the last event, perhaps with a step of it."""
+
+    def _begin(self) -> None:
+        start = self.matching.start()
+        self.follow([start] if self.matching.standing(start)[1] else [])
+
+    @abstractmethod
+    def follow(self, configurations: Iterable[Configuration]) -> None:
+        """Replace the followed partial matches."""
+
+    @property
+    @abstractmethod
+    def partial(self) -> list[Configuration]:
+        """The followed partial matches."""
+
+    @property
+    def combined(self) -> list[Configuration]:
+        """The partial matches, combined over independent parts."""
+        return self.partial
+
+    def fork(self) -> Self:
+        """Return an independent copy."""
+        twin = copy(self)
+        twin.follow(self.partial)
+        return twin
+
+    @property
+    def state(self) -> Hashable:
+        """Equal states have equal futures."""
+        return frozenset(configuration.key for configuration in self.partial)
+
+    def snapshot(self) -> object:
+        """Return the state for `restore`."""
+        return flattened(self.partial, self.matches, self.lost)
+
+    def restore(self, snapshot: Any) -> None:
+        """Restore a snapshot of the same tree."""
+        followed, self.matches, self.lost = unflattened(snapshot)
+        self.follow(followed)
+
+    def explain(self) -> Explanation:
+        """Return a match of the lowest-numbered branch; its branch is None if the search takes too long.
+
+        The branch depends on the nodes of the matches, in order, and on their failed guards only.
+        """
+        compiled, matches, known = self.compiled, self.matches, self.compiled.explained
+        histories = [history(match.witness) for match in matches]
+        nodes = [(*[step[1] for step in steps],) for steps in histories]
+        alike = tuple([(own, one.dead, one.closed) for own, one in zip(nodes, matches, strict=True)])
+        if alike not in known:
+            if len(known) >= REMEMBERED:
+                known.clear()
+            found, explained = explained_match(self._replay(()))
+            place = next(place for place, steps in enumerate(histories) if steps_of(compiled, steps) == found.steps)
+            known[alike] = explained._replace(match=place)
+        explained = known[alike]
+        return explanation_of(compiled.prop.tree, steps_of(compiled, histories[explained.match]), explained)
+
+    def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:
+        """Return the awaited events of each live branch."""
+        histories = [history(match.witness) for match in (self.combined if before is None else self.lost)]
+        if before is not None:
+            histories = [[step for step in steps if step.position < before] for steps in histories]
+        return pending(self._replay(histories), limit=limit)
+
+    def _replay(self, histories: Sequence[list[Witness]]) -> Replay:
+        return Replay(self.matching, self.matches, histories, limit=self.limit, drops=not self.uses_up)
+
+    def progress(self) -> Iterator[Progress]:
+        """Iterate over the progress of the partial matches, without those with equal futures."""
+        alike: dict[Hashable, Configuration] = {}
+        for match in self.partial:
+            alike.setdefault((match.taken, match.dead, match.inversions), match)
+        for match in alike.values():
+            taken = {step.node: step.position for step in history(match.witness)}
+            yield Progress(taken, (*bits(match.dead),), exact=True, awaited=partial(self._awaited, match.witness))
+
+    def _awaited(self, last: Witness | None, _: Collection[int]) -> frozenset[str]:
+        match = self.matching.replayed((step.node, step.values, step.position) for step in history(last))
+        assert match is not None, "a partial match can be made again"
+        return self.matching.admitted(match)
+
+    def _bound(self, count: int) -> None:
+        """Raise `TooLarge` beyond the limit, with the variables or nodes that differ."""
+        if count <= self.limit:
+            return
+        bound = {name for configuration in self.partial for name in configuration.binding}
+        if bound:
+            grows = f"the variables {', '.join(sorted(bound))} keep too many values"
+        else:
+            taken = union(configuration.taken for configuration in self.partial)
+            grows = f"too many ways to match {self.compiled.some(bits(taken))}"
+        raise TooLarge(f"partial matches to follow; {grows}", limit=self.limit, remedy=self.compiled.prop.remedy)
+
+
+class Contiguous(Following):
+    """The strategy of large trees under `strict` and `projected`: all partial matches use the same events."""
+
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
+        assert semantics in (Semantics.STRICT, Semantics.PROJECTED), "the others follow stages"
+        super().__init__(compiled, letters, limit=limit)
+        self._projected = semantics is Semantics.PROJECTED
+        self._begin()
+
+    def follow(self, configurations: Iterable[Configuration]) -> None:
+        """Replace the partial matches by copies, because a step may change them."""
+        self._configurations = [configuration.copy() for configuration in configurations]
+
+    @property
+    def partial(self) -> list[Configuration]:
+        """The followed partial matches."""
+        return self._configurations
+
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """Return the reading of an event; only `strict` reads irrelevant events."""
+        if self._projected and not event_class.relevant:
+            return NOTHING
+        return self.letters.read(event, event_class)
+
+    def advance(self, reading: Reading, position: int) -> Verdict:
+        """Return the verdict after one more event."""
+        relevant, hits = reading
+        before = self._configurations
+        if self._projected and not relevant:
+            return Verdict.UNKNOWN if before else Verdict.FALSE
+        steps = [(node, hit.values) for hit in hits for node in hit.nodes]
+        reuse = len(steps) == 1
+        found: dict[Hashable, Configuration] = {}
+        for configuration in before:
+            for node, values in steps:
+                new = self.matching.extended(configuration, node, values, position, reuse=reuse)
+                if new is not None:
+                    found.setdefault(None if reuse and len(before) == 1 else new.key, new)
+            self._bound(len(found))
+        standing = self.matching.standing
+        self.matches = [new for new in found.values() if standing(new)[0]]
+        self._configurations = [] if self.matches else list(found.values())
+        if not found:
+            self.lost = before
+        return Verdict.TRUE if self.matches else Verdict.UNKNOWN if found else Verdict.FALSE

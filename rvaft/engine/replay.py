@@ -1,0 +1,120 @@
+"""The search for matches by replaying the steps of partial matches, for strategies that follow these."""
+
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Final
+
+from rvaft.core.passes import with_choices
+from rvaft.engine.compiled_tree import CompiledTree
+from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, history
+from rvaft.engine.explanation import Choices, FoundMatch, MatchSearch, Step, found_match
+from rvaft.engine.partial_matches import Matching
+from rvaft.model.values import Json, fingerprint
+from rvaft.monitors import DEFAULT_BRANCHES
+from rvaft.support.bits import mask_of
+
+_new: Final = tuple.__new__  # twice as fast as the constructors of the classes
+
+
+class Replay(MatchSearch):
+    """A search among matches, and among the partial matches with some steps.
+
+    If the strategy `drops` subsumed partial matches, those of a branch may be among the dropped.
+    """
+
+    def __init__(
+        self,
+        matching: Matching,
+        matches: Sequence[Configuration],
+        histories: Sequence[list[Witness]] = (),
+        *,
+        limit: int,
+        drops: bool,
+    ) -> None:
+        super().__init__(matching.compiled)
+        self._matching = matching
+        self._matches = matches
+        self._histories = histories
+        self._limit = limit
+        self._drops = drops
+
+    def find(self, choices: Choices) -> FoundMatch | None:
+        """Return a match with these choices, or None."""
+        for matching, match in self._replayed([history(match.witness) for match in self._matches], choices):
+            if matching.standing(match)[0]:
+                steps = steps_of(matching.compiled, history(match.witness))
+                return found_match(matching.compiled, steps, _scenario(matching, match))
+        return None
+
+    def waiting(self, choices: Choices | None) -> Iterable[tuple[Iterable[str], Mapping[str, Json]]]:
+        """Return the awaited nodes under these choices, by the values of variables."""
+        found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
+        replayed = list(self._replayed(self._histories, choices))
+        # the partial matches of this branch have been subsumed
+        if not replayed and choices and self._drops:
+            sources = {event.source for event in with_choices(self.prop, choices).events}
+            rest = [[step for step in steps if self.compiled.events[step.node] in sources] for steps in self._histories]
+            replayed = list(self._replayed(rest, choices)) or list(self._replayed([[]], choices))
+        for matching, match in replayed:
+            names = found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0]
+            names.update(matching.admitted(match))
+        return found.values()
+
+    @cached_property
+    def came(self) -> frozenset[int]:
+        """The nodes whose own event, if any, is in a match."""
+        taken = mask_of(step.node for match in self._matches for step in history(match.witness))
+        return frozenset(node for node, own in enumerate(self.compiled.own) if not own or taken >> node & 1)
+
+    def _replayed(
+        self, histories: Iterable[list[Witness]], choices: Choices | None
+    ) -> Iterator[tuple[Matching, Configuration]]:
+        matching, sources = self._matching, self.compiled.events
+        if not choices:
+            for steps in histories:
+                match = matching.after(steps[-1] if steps else None)
+                if match is not None:
+                    yield matching, match
+            return
+        under, made = matching.under, frozenset(choices.items())
+        if made not in under:
+            chosen = with_choices(self.prop, choices)
+            if not chosen.feasible:
+                return
+            if len(under) >= DEFAULT_BRANCHES:
+                under.clear()
+            under[made] = Matching(CompiledTree(chosen), limit=self._limit, early=matching.early)
+        matching = under[made]
+        node_of = matching.compiled.occurrences
+        for steps in histories:
+            places = [(sources[step.node], step) for step in steps]
+            if all(source in node_of for source, _ in places):
+                taken = ((node_of[source], one.values, one.position) for source, one in places if source is not None)
+                match = matching.replayed(taken)
+                if match is not None:
+                    yield matching, match
+
+
+def steps_of(compiled: CompiledTree, steps: Iterable[Witness]) -> list[Step]:
+    """Return steps with occurrences instead of nodes."""
+    return [_new(Step, (compiled.events[node], position, values)) for _, node, position, values in steps]
+
+
+def _scenario(matching: Matching, match: Configuration) -> dict[int, tuple[int, ...]]:
+    compiled = matching.compiled
+    kept: dict[int, tuple[int, ...]] = {}
+    agenda = [compiled.root]
+    if compiled.core:
+        kept.update(next(matching.shared.resolutions(match, complete=True)))
+        agenda = [child for children in kept.values() for child in children if child not in compiled.members]
+    while agenda:
+        node = agenda.pop()
+        children = compiled.children[node]
+        if compiled.chooses >> node & 1:
+            flags = {child: matching.progress.flags(match, child) for child in children}
+            touched = tuple(child for child in children if flags[child] & TOUCHED)
+            silent = tuple(child for child in children if flags[child] & SURE and not flags[child] & TOUCHED)
+            children = touched + silent[: max(compiled.need[node] - len(touched), 0)]
+        kept[node] = children
+        agenda.extend(children)
+    return kept

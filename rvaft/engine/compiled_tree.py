@@ -334,6 +334,23 @@ class EngineLetters(ABC):
         return self._shapes.of(event).of(event)
 
 
+class Occurrences(NamedTuple):
+    """The patterns of occurrences, and the guards that their events alone decide."""
+
+    prop: Property
+    patterns: tuple[Pattern, ...]
+    filters: tuple[Guard | None, ...]
+
+    @property
+    def time_of(self) -> tuple[None, ...]:
+        """No occurrence has its time as a variable."""
+        return (None,) * len(self.patterns)
+
+    def decided_by(self, nodes: Iterable[int]) -> dict[int, Guard]:  # noqa: ARG002
+        """Return no guards: each waits for no other event."""
+        return {}
+
+
 class TreeLetters(EngineLetters):
     """The letters of a tree.
 
@@ -341,7 +358,7 @@ class TreeLetters(EngineLetters):
     the event alone decides.
     """
 
-    def __init__(self, compiled: CompiledTree, *, decide: bool = False) -> None:
+    def __init__(self, compiled: CompiledTree | Occurrences, *, decide: bool = False) -> None:
         prop = compiled.prop
         self._time = prop.time
         serves: dict[tuple[Letter, str | None], list[int]] = {}

@@ -71,9 +71,7 @@ def made_choices(prop: Property) -> dict[str, str]:
 class MatchSearch(ABC):
     """A search for matches under choices in the state of a strategy."""
 
-    def __init__(self, compiled: CompiledTree) -> None:
-        self.compiled = compiled
-        self.prop = compiled.prop
+    prop: Property
 
     @abstractmethod
     def find(self, choices: Choices) -> FoundMatch | None:
@@ -86,16 +84,28 @@ class MatchSearch(ABC):
         None stands for all branches together.
         """
 
+    @abstractmethod
+    def is_possible(self, gate: str, child: str) -> bool:
+        """Return False if no match can keep this child of a choice.
+
+        For the first child, a match that avoids the choice counts too. True is not certain.
+        """
+
+
+class CompiledSearch(MatchSearch):
+    """A search in a compiled tree."""
+
+    def __init__(self, compiled: CompiledTree) -> None:
+        self.compiled = compiled
+        self.prop = compiled.prop
+
     @property
     @abstractmethod
     def came(self) -> Container[int]:
         """The nodes whose own event, if any, may have occurred."""
 
     def is_possible(self, gate: str, child: str) -> bool:
-        """Return False if no match can keep this child of a choice.
-
-        For the first child, a match that avoids the choice counts too. True is not certain.
-        """
+        """As `MatchSearch.is_possible`, by the nodes whose events came."""
         if gate not in self.compiled.choices:
             return False
         able, unavoidable = self._limits

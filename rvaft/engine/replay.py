@@ -7,7 +7,7 @@ from typing import Final
 from rvaft.core.passes import with_choices
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, history
-from rvaft.engine.explanation import Choices, FoundMatch, MatchSearch, Step, found_match
+from rvaft.engine.explanation import Choices, CompiledSearch, FoundMatch, Step, found_match
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.values import Json, fingerprint
 from rvaft.monitors import DEFAULT_BRANCHES
@@ -16,7 +16,7 @@ from rvaft.support.bits import mask_of
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
 
-class Replay(MatchSearch):
+class Replay(CompiledSearch):
     """A search among matches, and among the partial matches with some steps.
 
     If the strategy `drops` subsumed partial matches, those of a branch may be among the dropped.

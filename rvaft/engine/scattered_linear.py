@@ -29,8 +29,8 @@ from rvaft.engine.compiled_tree import (
 )
 from rvaft.engine.explanation import (
     Choices,
+    CompiledSearch,
     FoundMatch,
-    MatchSearch,
     Step,
     explained_match,
     explanation_of,
@@ -466,7 +466,7 @@ class LinearMonitor(Measured):
         return [self.compiled.names[node] for node in run.awaited()]
 
 
-class _LinearSearch(MatchSearch):
+class _LinearSearch(CompiledSearch):
     """Reruns the kept events under choices."""
 
     def __init__(self, strategy: LinearMonitor) -> None:

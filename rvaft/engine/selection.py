@@ -1,21 +1,36 @@
 """The strategy for a property."""
 
-from rvaft.core.property import Property
+from rvaft.core.passes import decide_constants, reduced
+from rvaft.core.property import IMPOSSIBLE, Property
 from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.engine.contiguous import SMALL, ContiguousMatches
 from rvaft.engine.following import Contiguous
+from rvaft.engine.latest_starts import LatestStarts
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import LinearMonitor, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.strategy import Measured, Strategy
+from rvaft.engine.units import units
 from rvaft.model.verdict import Semantics
 
 
 def strategy_of(prop: Property, semantics: Semantics, *, limit: int) -> Strategy:
-    """Return the strategy of a property as `passes.reduced` returns it."""
+    """Return the strategy of a property."""
+    if semantics is Semantics.SCATTERED and (apart := _latest_starts(prop, limit)) is not None:
+        return apart
+    prop = reduced(prop)
     found = [_strategy(one, semantics, limit) for one in prop.alternatives]
     return found[0] if len(found) == 1 else Alternatives(found)
+
+
+def _latest_starts(prop: Property, limit: int) -> LatestStarts | None:
+    """Return the strategy of a tree with windows or a common variable and without joins, or None."""
+    decided = decide_constants(prop)
+    found = None if decided.root is IMPOSSIBLE else units(decided)
+    if found is None or not any(unit.timed or unit.key for unit in found):
+        return None
+    return LatestStarts(prop, found, limit=limit)
 
 
 def measured_strategy(prop: Property, semantics: Semantics, *, limit: int) -> Measured:

@@ -22,11 +22,17 @@ from rvaft.semantics.events import observe
 from rvaft.semantics.reference import Partial
 from tests.engine.checking import Trace, small_valid_trees
 from tests.engine.dense import SHAPES, WILD, dense_trace, living_trace, tree_of
+from tests.engine.windowed import timed_trace, windowed_trees
 
 
 def cases(shape: str) -> Iterator[tuple[Random, RVAFT, list[dict[str, Any]]]]:
     """Random trees with a trace each that is alive for a while, whatever the semantics, and then goes on anyhow."""
     random = Random(f"pending {shape}")
+    if shape == "windows":
+        yield from (
+            (random, tree, timed_trace(random, tree, 9)) for tree in islice(windowed_trees(random, late=""), 40)
+        )
+        return
     for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), 8 if shape in SHAPES else 16):
         if shape in SHAPES:
             start, end = living_trace(random, tree, shape, "strict", 4), dense_trace(random, SHAPES[shape], 2)
@@ -141,7 +147,7 @@ def test_what_was_once_hard(tree: str, trace: list[dict[str, Any]]) -> None:
     assert follow(rvaft.loads(tree), trace, "strict") == (len(trace), False)
 
 
-@pytest.mark.parametrize("shape", [*SHAPES, *WILD])
+@pytest.mark.parametrize("shape", [*SHAPES, *WILD, "windows"])
 def test_scattered_waits_for_nothing_else_and_for_all_that_matters(shape: str) -> None:
     """Partial matches that another can replace are not followed, so not all that the definition has is waited for.
 

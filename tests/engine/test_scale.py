@@ -77,7 +77,10 @@ def test_a_scattered_log_does_not_grow() -> None:
 
 REFUSED: dict[str, tuple[str, str, int, list[Any], str]] = {
     "values": (
-        "event p(v) = { p: v }; event q(v) = { q: v }; top sand a b; a on p(First); b on q(First);",
+        (
+            "event p(v) = { p: v }; event q(v) = { q: v }; top sand a b; a on p(First); "
+            "b on q(Second) when First + 1 == Second;"
+        ),
         *("scattered", 100, [{"p": number} for number in range(101)], "First"),
     ),
     "a log": (
@@ -99,6 +102,18 @@ def test_too_much_is_refused_by_name(what: str) -> None:
     with pytest.raises(TooLarge, match=said) as caught:
         list(monitor.run(events))
     assert caught.value.limit == limit
+
+
+def test_values_of_a_common_variable_take_little() -> None:
+    """Of these the limit allows twenty times as many."""
+    text = "event p(v) = { p: v }; event q(v) = { q: v }; top sand a b; a on p(Value); b on q(Value);"
+    monitor = Engine(rvaft.loads(text), "scattered", limit=100)
+    for number in range(2_000):
+        assert monitor.step({"p": number}) is Verdict.UNKNOWN
+    with pytest.raises(TooLarge, match="values of Value") as caught:
+        monitor.step({"p": -1})
+    assert caught.value.limit == 2_000
+    assert monitor.step({"q": 1_999}) is Verdict.TRUE
 
 
 def test_resolutions_of_a_core_are_bounded() -> None:

@@ -1,0 +1,348 @@
+"""The strategy for `scattered` without joins: each node remembers its match that starts last.
+
+It applies to `units`, if the times of the events in use never decrease (`late 0 s`) or no window
+asks for them. Then a match that starts later can do all that one that starts earlier can: what
+follows it, and what it must follow, is decided by its first event, and its window is shorter. So a
+node needs one match, whatever the number of ways to make its choices:
+
+- a choice takes the child that starts last; `and` starts with its first child, k of n with the
+  first of the k children that start last;
+- a sequence remembers the match of its first children that starts last. An event of a later child
+  remembers that match as it was when the event came;
+- a counted leaf remembers its last events.
+
+The instances of a unit are found by the values of its key. One is forgotten when its window has
+passed. The branch of a detection is found by a run over the remembered events of its instance,
+once for each choice.
+"""
+
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from typing import Any, Final, NamedTuple, Self
+
+from rvaft.core.property import Property
+from rvaft.engine.compiled_tree import NOTHING, Admission, EventClass, Occurrences, Reading, TreeLetters
+from rvaft.engine.explanation import (
+    Choices,
+    FoundMatch,
+    MatchSearch,
+    Step,
+    explained_match,
+    explanation_of,
+    kept_nodes,
+    pending,
+)
+from rvaft.engine.strategy import Strategy
+from rvaft.engine.unit_run import Match, OrderedRun, State, UnitRun, copied, plain_key
+from rvaft.engine.units import Leaf, Unit
+from rvaft.engine.unordered_run import UnorderedRun
+from rvaft.errors import TooLarge
+from rvaft.model.patterns import rigid_variables
+from rvaft.model.values import Json, is_finite
+from rvaft.model.verdict import Verdict
+from rvaft.monitors import Explanation, Pending
+
+INSTANCES: Final = 20
+"""The number of instances for each partial match that the limit allows."""
+SWEEP: Final = 1_000
+"""The number of instances before the first search for those that can be forgotten."""
+MEMORY: Final = 4096
+"""The maximum number of cached event classes."""
+_UNKNOWN: Final = Verdict.UNKNOWN
+_new: Final = tuple.__new__  # twice as fast as the constructors of the classes
+
+
+class Served(NamedTuple):
+    """A leaf that events of a class serve, and how they name its instance."""
+
+    unit: int
+    leaf: Leaf
+    fields: tuple[str, ...] | None
+    """The fields of the key, or None if these are unknown."""
+    admission: Admission
+    plain: bool
+    """Whether a match has no variables besides the key."""
+
+
+class Detected(NamedTuple):
+    """A match of an instance."""
+
+    unit: int
+    key: tuple[Any, ...] | None
+    state: State
+    match: Match
+
+
+class LatestStarts(Strategy):
+    """The instances of the units of a tree; raises `TooLarge` beyond `INSTANCES` times `limit` of them."""
+
+    letters: TreeLetters
+
+    def __init__(self, prop: Property, found: Sequence[Unit], *, limit: int) -> None:
+        self.prop = prop
+        self.limit = limit
+        late = None if prop.time is None else prop.time.late
+        self.runs = tuple([UnorderedRun(unit) if unit.timed and late != 0 else OrderedRun(unit) for unit in found])
+        self._added, self._most_added = 0, limit
+        """The number of events taken since the last count of matches, and before the next."""
+        self._leaves = [(number, leaf) for number, run in enumerate(self.runs) for leaf in run.unit.leaves]
+        self.letters = TreeLetters(
+            Occurrences(
+                prop, tuple(leaf.pattern for _, leaf in self._leaves), tuple(leaf.guard for _, leaf in self._leaves)
+            )
+        )
+        self._served: dict[EventClass, tuple[Served, ...]] = {}
+        self._timed = any(leaf.timed for _, leaf in self._leaves)
+        self._instances: list[dict[tuple[Any, ...], State]] = [{} for _ in self.runs]
+        self._watermark: int | None = None
+        self._sweep_at = [SWEEP] * len(self.runs)
+        self._detected: list[Detected] = []
+        self.noted = True
+
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """Return the event with its class if it may serve a leaf."""
+        return _new(Reading, (False, (event, event_class))) if event_class.serving else NOTHING
+
+    def _serving(self, event_class: EventClass) -> tuple[Served, ...]:
+        if len(self._served) >= MEMORY:
+            self._served.clear()
+        found = []
+        for admission in event_class.serving:
+            for number in admission.nodes:
+                unit, leaf = self._leaves[number]
+                names, by_name = self.runs[unit].unit.key, admission.reader.fields
+                fields = None if by_name is None else tuple(by_name[name] for name in names)
+                served = Served(unit, leaf, fields, admission, set(rigid_variables(leaf.pattern)) == {*names})
+                found.append((number, served))
+        # an event that serves two nodes of a sequence follows the events before it at both
+        found.sort(key=lambda one: -one[0])
+        made = self._served[event_class] = tuple(one for _, one in found)
+        return made
+
+    def advance(self, reading: Reading, position: int) -> Verdict:
+        """Return the verdict after one more event."""
+        self.noted = False
+        if not reading.hits:
+            return _UNKNOWN
+        event, event_class = reading.hits
+        served = self._served.get(event_class)
+        if served is None:
+            served = self._serving(event_class)
+        time = self.letters.time(event) if self._timed else None
+        found: list[Detected] | None = None
+        for unit, leaf, fields, admission, plain in served:
+            if time is None and leaf.timed:
+                continue
+            run, instances = self.runs[unit], self._instances[unit]
+            named: Iterable[tuple[tuple[Any, ...] | None, Any]]
+            if fields is not None and plain:
+                keys = [event[field] for field in fields]
+                own = all(type(one) is str or type(one) is int for one in keys)
+                named = ((tuple(keys), None),) if own else self._named(run, leaf, admission, event)
+            else:
+                named = self._named(run, leaf, admission, event)
+            for name, values in named:
+                state = None if name is None else instances.get(name)
+                if state is None:
+                    if leaf.after >= 0:
+                        continue
+                    state = run.start()
+                    if name is not None:
+                        if len(instances) >= self._sweep_at[unit]:
+                            self._sweep(unit)
+                        instances[name] = state
+                self.noted = True
+                match = run.take(state, leaf, position, time, values)
+                if match is not None:
+                    found = found or []
+                    found.append(Detected(unit, name, state, match))
+                self._added += 1
+        if self._added > self._most_added:
+            self._count()
+        if found is None:
+            return _UNKNOWN
+        self._detected = found
+        return Verdict.TRUE
+
+    def _count(self) -> None:
+        """Raise `TooLarge` beyond the limit of matches where times may decrease."""
+        pairs = [
+            (run, instances)
+            for run, instances in zip(self.runs, self._instances, strict=True)
+            if isinstance(run, UnorderedRun)
+        ]
+        kept = sum(run.kept(state) for run, instances in pairs for state in instances.values())
+        if kept > self.limit:
+            names = ", ".join(dict.fromkeys(name for run, _ in pairs for name in run.unit.names if name))
+            what = f"partial matches to follow; too many ways to match {names}"
+            raise TooLarge(what, limit=self.limit, remedy=self.prop.remedy)
+        self._added, self._most_added = 0, self.limit - kept + self.limit // 4
+
+    def _named(
+        self, run: UnitRun, leaf: Leaf, admission: Admission, event: Mapping[str, Json]
+    ) -> Iterator[tuple[tuple[Any, ...] | None, Mapping[str, Json]]]:
+        """Iterate over the instances that an event may serve, with values; None is an instance of its own."""
+        seen = set[Hashable]()
+        for values in self.letters.ways(admission, event, None):
+            finite = all(is_finite(values[name]) for name in run.unit.key)
+            if not all(is_finite(values[name]) for name in leaf.own):
+                continue  # an undefined value agrees with no other
+            name = tuple([plain_key(values[name]) for name in run.unit.key]) if finite else None
+            place = name, tuple([plain_key(values[name]) for name in leaf.own])
+            if not finite or place not in seen:
+                seen.add(place)
+                yield name, values
+
+    def _sweep(self, number: int) -> None:
+        """Forget the instances of a unit whose window has passed; raises `TooLarge`."""
+        unit, instances = self.runs[number].unit, self._instances[number]
+        if unit.window is not None and self._watermark is not None:
+            least = self._watermark - unit.window
+            for name in [name for name, state in instances.items() if state[0] < least]:
+                del instances[name]
+        most = INSTANCES * self.limit
+        if len(instances) >= most:
+            what = f"values of {' and '.join(unit.key)} to follow"
+            raise TooLarge(what, limit=most, remedy=self.prop.remedy)
+        self._sweep_at[number] = min(2 * len(instances) + SWEEP, most)
+
+    def forget(self, watermark: int) -> None:
+        """Set the watermark, the minimum time of later events."""
+        self._watermark = watermark
+        for run in self.runs:
+            run.watermark = watermark
+
+    def _copied(self) -> list[dict[tuple[Any, ...], State]]:
+        return [{name: copied(state) for name, state in instances.items()} for instances in self._instances]
+
+    def fork(self) -> Self:
+        """Return an independent copy."""
+        twin = copy(self)
+        twin.runs = tuple(map(copy, self.runs))  # each has its own watermark
+        twin._instances, twin._sweep_at = self._copied(), [*self._sweep_at]  # noqa: SLF001 (its own)
+        return twin
+
+    @property
+    def state(self) -> Hashable:
+        """Equal states have equal futures."""
+        pairs = zip(self.runs, self._instances, strict=True)
+        return tuple(
+            frozenset((name, run.future(state)) for name, state in instances.items()) for run, instances in pairs
+        )
+
+    def snapshot(self) -> object:
+        """Return the state for `restore`."""
+        return self._copied(), [tuple(one) for one in self._detected], self._watermark
+
+    def restore(self, snapshot: Any) -> None:
+        """Restore a snapshot of the same tree."""
+        instances, detected, self._watermark = snapshot
+        self._instances = [*instances]
+        self._instances = self._copied()
+        self._detected = [Detected(*one) for one in detected]
+        for run in self.runs:
+            run.watermark = self._watermark
+        self._sweep_at = [2 * len(one) + SWEEP for one in instances]
+
+    def explain(self) -> Explanation:
+        """Return a match of the lowest-numbered branch."""
+        found, explained = explained_match(_Search(self))
+        return explanation_of(self.prop.tree, found.steps, explained)
+
+    def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:  # noqa: ARG002 (never ⊥)
+        """Return the awaited events of each live branch."""
+        return pending(_Search(self), limit=limit)
+
+    @property
+    def living(self) -> Iterator[tuple[int, tuple[Any, ...] | None, State]]:
+        """The instances that can still detect, and for each unit a new one."""
+        for number, (run, instances) in enumerate(zip(self.runs, self._instances, strict=True)):
+            if () not in instances:
+                yield number, None, run.start()
+            window = None if self._watermark is None else run.unit.window
+            for name, state in instances.items():
+                if window is None or self._watermark is None or state[0] >= self._watermark - window:
+                    yield number, name, state
+
+    @property
+    def detected(self) -> Sequence[Detected]:
+        """The matches, after a detection."""
+        return self._detected
+
+    @property
+    def watermark(self) -> int | None:
+        """The minimum time of later events, if known."""
+        return self._watermark
+
+
+class _Search(MatchSearch):
+    """Runs an instance again over its remembered events, under choices."""
+
+    def __init__(self, strategy: LatestStarts) -> None:
+        self.prop = strategy.prop
+        self._strategy = strategy
+        self._came = {(unit, event[2]) for unit, _, state, match in strategy.detected for event in state[1] or ()}
+
+    def find(self, choices: Choices) -> FoundMatch | None:
+        """Return a match with these choices, or None."""
+        for number, name, state, match in self._strategy.detected:
+            run = self._strategy.runs[number]
+            without = _without(run.unit, choices)
+            if without is None:
+                continue
+            found: Match | None = match
+            if without:
+                _, found = run.again(run.concerning(state), without)
+            if found is not None:
+                names = {} if name is None else dict(zip(run.unit.key, name, strict=True))
+                return self._found(run, run.steps(found, names))
+        return None
+
+    def _found(self, run: UnitRun, steps: Sequence[tuple[int, Step]]) -> FoundMatch:
+        unit = run.unit
+        taken = {node for node, _ in steps}
+        agenda = [*taken]
+        while agenda:
+            gate = unit.places[agenda.pop()].gate
+            if gate >= 0 and gate not in taken:
+                taken.add(gate)
+                agenda.append(gate)
+        chosen: dict[str, tuple[str, ...]] = {gate: (child,) for gate, child in unit.chosen.items()}
+        for node, names in unit.kept.items():
+            if node in taken:
+                pairs = zip(unit.children[node], names, strict=True)
+                chosen[unit.names[node]] = tuple(kept for child, kept in pairs if child in taken)
+        return FoundMatch([step for _, step in steps], kept_nodes(self.prop.tree, chosen))
+
+    def waiting(self, choices: Choices | None) -> Iterator[tuple[Iterable[str], Mapping[str, Json]]]:
+        """Iterate over the awaited nodes under these choices, by the values of the key."""
+        for number, name, state in self._strategy.living:
+            run = self._strategy.runs[number]
+            without = _without(run.unit, choices or {})
+            if without is not None:
+                own = run.again(state[1] or (), without)[0] if without else state
+                names = {*run.awaits(own, without)}
+                yield names, dict(zip(run.unit.key, name or (), strict=False))
+
+    def is_possible(self, gate: str, child: str) -> bool:
+        """Return False if no match can keep this child of a choice."""
+        first = self.prop.tree.nodes[gate].children[0] == child
+        for number, _, _, _ in self._strategy.detected:
+            unit = self._strategy.runs[number].unit
+            below = unit.choices.get(gate, {}).get(child)
+            if unit.chosen.get(gate, child if first else None) == child and (below is None or first):
+                return True
+            if below is not None and any((number, leaf) in self._came for leaf in below):
+                return True
+        return False
+
+
+def _without(unit: Unit, choices: Choices) -> frozenset[int] | None:
+    """Return the leaves that these choices exclude, or None if they exclude the unit."""
+    if any(unit.chosen.get(gate, child) != child for gate, child in choices.items()):
+        return None
+    found = frozenset[int]()
+    for gate, ways in unit.choices.items():
+        if gate in choices:
+            found = found.union(*(below for child, below in ways.items() if child != choices[gate]))
+    return found

@@ -1,0 +1,302 @@
+"""The steps of one unit on the state of an instance, if times never decrease.
+
+A *match* of a node has its first position, the time of its first event, its steps, and the match of
+the sequence before it. Steps are nested tuples; the innermost are a node, a position and values, or
+for a counted leaf the node, a list of its events, and how many of them came.
+
+A *state* has the time of the last event, the remembered events, and a value for each node: for a
+child of a gate without order its match, for a child of a sequence that of the children up to it.
+Then follow the events of counted leaves.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Iterable, Iterator, Mapping
+from typing import Any, Final, TypeAlias
+
+from rvaft.core.property import Source
+from rvaft.engine.explanation import Step
+from rvaft.engine.units import Leaf, Op, Unit
+from rvaft.model.values import Json, key
+
+HEAD: Final = 2
+"""The number of values of a state before those of nodes."""
+Match: TypeAlias = tuple[Any, ...]
+State: TypeAlias = list[Any]
+Remembered: TypeAlias = tuple[int, Any, int, Any]
+"""An event that a branch may need: position, time, node and values."""
+CountedEvent: TypeAlias = tuple[int, Any, Match | None, Any]
+"""An event of a counted leaf: position, time, the match of the sequence before it, and values."""
+
+
+class UnitRun(ABC):
+    """The steps of a unit."""
+
+    def __init__(self, unit: Unit) -> None:
+        self.unit = unit
+        counted = [leaf for leaf in unit.leaves if leaf.number > 1]
+        size = HEAD + len(unit.ops)
+        self.places = {leaf.node: size + place for place, leaf in enumerate(counted)}
+        """The places of the events of counted leaves in a state."""
+        self.size = size + len(counted)
+        self.leaves = {leaf.node: leaf for leaf in unit.leaves}
+        self.remembers = bool(unit.choices)
+        self.watermark: int | None = None
+        """The minimum time of later events, if known."""
+
+    def start(self) -> State:
+        """Return the state of a new instance."""
+        return [None] * self.size
+
+    @abstractmethod
+    def take(self, state: State, leaf: Leaf, position: int, time: Any, values: Any) -> Match | None:
+        """Take an event if it may be in a match, and return a match of the unit that it completes."""
+
+    @abstractmethod
+    def concerning(self, state: State) -> Iterable[Remembered]:
+        """Return the remembered events with which a branch may have a match where this one ends."""
+
+    @abstractmethod
+    def future(self, state: State) -> Hashable:
+        """Return what later detections depend on."""
+
+    @abstractmethod
+    def alive(self, found: Any, least: int) -> bool:
+        """Whether the value of a node has a match that starts at this time or later."""
+
+    def again(self, events: Iterable[Remembered], without: frozenset[int]) -> tuple[State, Match | None]:
+        """Return the state after these events, but for those of some leaves, and the last match."""
+        state, match = self.start(), None
+        for position, time, node, values in events:
+            if node not in without:
+                match = self.take(state, self.leaves[node], position, time, values) or match
+        return state, match
+
+    def is_over(self, state: State, node: int) -> bool:
+        """Whether a node or one above it is complete for good."""
+        places = self.unit.places
+        while node > 0:
+            gate, op, *_ = places[node]
+            if op is not Op.ONE and state[HEAD + node] is not None:
+                return True
+            node = gate
+        return False
+
+    def awaits(self, state: State, without: frozenset[int]) -> Iterator[str]:
+        """Iterate over the nodes whose event may come next, but for some leaves."""
+        unit = self.unit
+        for leaf in unit.leaves:
+            before = None if leaf.after < 0 else state[HEAD + leaf.after]
+            if leaf.node in without or (leaf.after >= 0 and before is None):
+                continue
+            if unit.settled[leaf.node] and self.is_over(state, leaf.node):
+                continue
+            limit = None if leaf.after < 0 else unit.limits[unit.places[leaf.after].gate]
+            if limit is None or self.watermark is None or self.alive(before, self.watermark - limit):
+                yield leaf.source
+
+    def steps(self, match: Match, names: Mapping[str, Json]) -> list[tuple[int, Step]]:
+        """Return the leaves and steps of a match in order; `names` are the values of the key."""
+        found, agenda = list[tuple[int, Step]](), [match[2]]
+        while agenda:
+            steps = agenda.pop()
+            if type(steps[0]) is not int:
+                agenda.extend(steps)
+                continue
+            node, second, third = steps
+            leaf = self.leaves[node]
+            events = [(second, third)]
+            if leaf.number > 1:
+                events = sorted((one[0], one[3]) for one in second[third - leaf.number : third])
+            for number, (position, values) in enumerate(events, 1):
+                found.append((node, Step(Source(leaf.source, number), position, names if values is None else values)))
+        return sorted(found, key=lambda one: one[1].position)
+
+    def counted(self, state: State, leaf: Leaf, values: Any) -> tuple[Any, Hashable]:
+        """Return where the events of a counted leaf are: a container and their name in it."""
+        place = self.places[leaf.node]
+        if not leaf.own:
+            return state, place
+        if state[place] is None:
+            state[place] = {}
+        return state[place], tuple([plain_key(values[name]) for name in leaf.own])
+
+    def events_of(self, state: State, leaf: Leaf) -> Mapping[Hashable, list[CountedEvent]]:
+        """Return the events of a counted leaf by the variables in which they agree."""
+        found = state[self.places[leaf.node]]
+        return (found or {}) if leaf.own else {(): found or []}
+
+
+def copied(state: State) -> State:
+    """Return an independent copy of a state."""
+    return [_copied(one) for one in state]
+
+
+def _copied(value: Any) -> Any:
+    if type(value) is list:
+        return value.copy()
+    return {name: one.copy() for name, one in value.items()} if type(value) is dict else value
+
+
+def plain_key(value: Json) -> Hashable:
+    """Return a hashable value that is equal for equal values; texts and integers are their own."""
+    if type(value) is str or type(value) is int:
+        return value
+    found = key(value)
+    return int(found) if isinstance(found, float) and found.is_integer() else found
+
+
+class OrderedRun(UnitRun):
+    """The steps if times never decrease, or no window asks for them."""
+
+    def __init__(self, unit: Unit) -> None:
+        super().__init__(unit)
+        self._replaces = frozenset(
+            leaf.node for leaf in unit.leaves if not leaf.own and unit.limits[leaf.node] == unit.window
+        )
+        """The leaves of which a later event can replace an earlier one."""
+
+    def take(self, state: State, leaf: Leaf, position: int, time: Any, values: Any) -> Match | None:
+        """Take an event if it may be in a match, and return a match of the unit that it completes."""
+        node, after, before = leaf.node, leaf.after, None
+        if after >= 0:
+            before = state[HEAD + after]
+            if before is None:
+                return None
+        state[0] = time
+        if self.remembers:
+            self._remember(state, leaf, (position, time, node, values))
+        if self.unit.settled[node] and self.is_over(state, node):
+            return None
+        if leaf.number > 1:
+            return self._count(state, leaf, (position, time, before, values))
+        match = (position, time, (node, position, values), None if leaf.direct else before)
+        return self._rise(state, node, match, time)
+
+    def _remember(self, state: State, leaf: Leaf, event: Remembered) -> None:
+        """Remember an event with which some branch may have a match.
+
+        Without windows an event serves as the one before it, unless another came that must precede
+        it. With a window at the root, it serves instead of an earlier one, unless another came that
+        must follow.
+        """
+        unit, node, count = self.unit, leaf.node, leaf.number
+        events = state[1]
+        if events is None:
+            state[1] = [event]
+            return
+        window = unit.window
+        if window is not None and events[0][1] < event[1] - window:
+            place = next((place for place, one in enumerate(events) if one[1] >= event[1] - window), len(events))
+            del events[:place]
+        if window is None or node in self._replaces:
+            others = unit.elders[node] if window is None else unit.younger[node]
+            for place in range(len(events) - 1, -1, -1):
+                one = events[place][2]
+                if one == node:
+                    count -= 1
+                    if not count:
+                        if window is None and not leaf.own:
+                            return
+                        del events[place]
+                        break
+                elif others >> one & 1:
+                    break
+        events.append(event)
+
+    def _count(self, state: State, leaf: Leaf, event: CountedEvent) -> Match | None:
+        count, (container, name) = leaf.number, self.counted(state, leaf, event[3])
+        events = container.get(name) if leaf.own else container[name]
+        if events is None:
+            events = container[name] = []
+        elif len(events) >= 2 * count:
+            events = container[name] = events[1 - count :]
+        events.append(event)
+        if len(events) < count:
+            return None
+        first = events[-count]
+        return self._rise(state, leaf.node, (first[0], first[1], (leaf.node, events, len(events)), first[2]), event[1])
+
+    def _rise(self, state: State, node: int, match: Match, time: Any) -> Match | None:
+        """Complete a node and what it completes above; return a match of the unit."""
+        unit = self.unit
+        while True:
+            window = unit.windows[node]
+            if window is not None and time - match[1] > window:
+                return None
+            gate, op, before, last, siblings, need = unit.places[node]
+            if gate < 0:
+                return match
+            slot = HEAD + node
+            if op is Op.SEQUENCE or op is Op.ENDS:
+                if before < 0:
+                    match = (match[0], match[1], (match[2],), match[3])
+                else:
+                    first = state[HEAD + before] if op is Op.ENDS or unit.direct[node] else match[3]
+                    if first is None:
+                        return None
+                    least = match if op is Op.ENDS and match[0] < first[0] else first
+                    match = (least[0], least[1], (*first[2], match[2]), least[3])
+                if not last:
+                    old = state[slot]
+                    if old is None or match[0] > old[0]:
+                        state[slot] = match
+                    return None
+            elif op is not Op.ONE:
+                old = state[slot]
+                if old is None or match[0] > old[0]:
+                    state[slot] = match
+                elif not unit.again[gate]:
+                    return None
+                others = []
+                for sibling in siblings:
+                    if sibling != node:
+                        other = state[HEAD + sibling]
+                        if other is not None:
+                            others.append(other)
+                        elif op is Op.ALL:
+                            return None
+                if len(others) < need - 1:
+                    return None
+                if len(others) > need - 1:
+                    others.sort(key=_first, reverse=True)
+                    del others[need - 1 :]
+                least = match
+                for other in others:
+                    if other[0] < least[0]:
+                        least = other
+                match = (least[0], least[1], (match[2], *[other[2] for other in others]), least[3])
+            node = gate
+
+    def concerning(self, state: State) -> Iterable[Remembered]:
+        """Return the remembered events."""
+        return state[1] or ()
+
+    def alive(self, found: Match, least: int) -> bool:
+        """Whether a match starts at this time or later."""
+        return bool(found[1] >= least)
+
+    def future(self, state: State) -> Hashable:
+        """Return the times of matches and counted events."""
+        matches = [_times(state[HEAD + node]) for node in range(len(self.unit.ops))]
+        counted = [
+            frozenset(
+                (name, tuple([(one[1], _times(one[2])) for one in events[1 - leaf.number :]]))
+                for name, events in self.events_of(state, leaf).items()
+            )
+            for leaf in self.unit.leaves
+            if leaf.number > 1
+        ]
+        return tuple(matches), tuple(counted)
+
+
+def _first(match: Match) -> int:
+    return int(match[0])
+
+
+def _times(match: Match | None) -> Hashable:
+    """Return the times on which the effect of a match depends."""
+    found = list[int | None]()
+    while match is not None:
+        found.append(match[1])
+        match = match[3]
+    return tuple(found)

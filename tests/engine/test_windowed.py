@@ -1,0 +1,168 @@
+"""The engine on trees with windows, counts and a common variable, whose matches need no joins.
+
+The reference is slow, so that long logs and many values are held against other computations.
+"""
+
+import pickle
+from bisect import bisect_left
+from itertools import islice
+from random import Random
+
+import pytest
+
+import rvaft
+from rvaft.engine import Engine
+from rvaft.model.verdict import Verdict
+from rvaft.semantics import Reference
+from tests.engine.checking import compare
+from tests.engine.windowed import timed_trace, windowed_trees
+
+SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 41))]
+LATE = {
+    "in order": (" late 0 s", 0.0),
+    "late events": (" late 0 s", 0.2),
+    "disorder": (" late 2 s", 0.3),
+    "no late": ("", 0.3),
+}
+"""What the tree says of late events, and how often times decrease."""
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("order", LATE)
+def test_verdicts_and_explanations(order: str, seed: int) -> None:
+    late, disorder = LATE[order]
+    random, detected = Random(f"{order} {seed}"), 0
+    for tree in islice(windowed_trees(random, late=late), 100 if seed else 25):
+        for _ in range(4):
+            trace = timed_trace(random, tree, random.randint(3, 12), disorder=disorder)
+            engine = compare(tree, trace, "scattered")
+            detected += engine is not None and engine.verdict is Verdict.TRUE
+            if random.random() < 0.1:
+                compare(tree, trace, "scattered", branch=random.randint(1, 3))
+                compare(tree, trace, "scattered", kind=random.choice(("fault", "attack")))
+    assert detected > 10
+
+
+@pytest.mark.parametrize("order", LATE)
+def test_copies_and_pickles(order: str) -> None:
+    late, disorder = LATE[order]
+    random, told = Random(f"copies {order}"), dict.fromkeys(Verdict, 0)
+    for tree in islice(windowed_trees(random, late=late), 20):
+        straight, copy, pickled = (Engine(tree, "scattered") for _ in range(3))
+        for event in timed_trace(random, tree, 12, disorder=disorder):
+            copy, pickled = copy.fork(), pickle.loads(pickle.dumps(pickled))
+            straight.fork().step(event)
+            for monitor in (straight, copy, pickled):
+                monitor.step(event)
+            for monitor in (copy, pickled):
+                assert (monitor.verdict, monitor.state) == (straight.verdict, straight.state)
+                assert (monitor.explanation, monitor.pending()) == (straight.explanation, straight.pending())
+        told[straight.verdict] += 1
+    assert told[Verdict.TRUE]
+    assert told[Verdict.UNKNOWN]
+
+
+@pytest.mark.parametrize("order", LATE)
+def test_equal_states_have_equal_futures(order: str) -> None:
+    random, compared = Random(f"futures {order}"), 0
+    for tree in islice(windowed_trees(random, late=LATE[order][0], gates=3), 12):
+        by_state: dict[object, list[tuple[Engine, Reference]]] = {}
+        for _ in range(10):
+            monitor, reference = Engine(tree, "scattered"), Reference(tree, "scattered")
+            for time, event in enumerate(timed_trace(random, tree, 4)):
+                if monitor.step({**event, "t": time}).final:
+                    break
+                reference.step({**event, "t": time})
+                by_state.setdefault(monitor.state, []).append((monitor.fork(), reference.fork()))
+        for alike in by_state.values():
+            for time, event in enumerate(timed_trace(random, tree, 5), 3):
+                assert len({one.step({**event, "t": time}) for pair in alike for one in pair}) == 1
+            compared += len(alike) - 1
+    assert compared
+
+
+KEYED = """
+event e(n, u) = { n: n, u: u };
+time t as s LATE; semantics scattered;
+top sand tries x within 20 s;
+tries times 3 on e("a", U);
+x and b c; b on e("b", U); c or c1 c2; c1 on e("c", U); c2 on e("d", U);
+"""
+
+
+@pytest.mark.parametrize("late", ["", "late 0 s", "late 3 s"])
+@pytest.mark.parametrize("users", [3, 3_000])
+def test_the_values_of_a_common_variable_are_followed_apart(users: int, late: str) -> None:
+    """As by a monitor for each value; the first detection of any of them is that of the tree."""
+    random, tree = Random(users), rvaft.loads(KEYED.replace("LATE", late))
+    engine, apart = Engine(tree), dict[object, Engine]()
+    latest, detections = 0, 0
+    for number in range(60_000 if users > 3 else 2_000):
+        busy = random.random() < 0.5
+        time = number // (200 if users > 3 else 1) - (random.choice((0, 0, 1, 2)) if late != "late 0 s" else 0)
+        latest = max(latest, time)
+        number_of = random.randrange(3 if busy else users)
+        user = random.choice((number_of, number_of, number_of, float(number_of), f"u{number_of}"))
+        event = {"n": random.choice("aaabcdz" if not busy else "abz"), "u": user, "t": time}
+        if user not in apart:
+            apart[user] = Engine(tree)
+        own = apart[user]
+        own.pass_time(engine.latest)
+        expected = own.step(event)
+        assert engine.step(event) is expected, number
+        if expected is Verdict.TRUE:
+            detections += 1
+            assert engine.explanation is not None
+            assert own.explanation is not None
+            assert engine.explanation.branch == own.explanation.branch
+            break
+    assert detections or users == 3
+
+
+def test_counts_in_a_window_are_those_of_the_times() -> None:
+    """N events in a window, whatever N: the times of each user are compared by hand."""
+    for count in (2, 7, 50):
+        for late in ("", "late 0 s"):
+            random = Random(f"{count} {late}")
+            text = f"event e(u) = {{ u: u }}; time t as s {late}; top and a within 100 s; a times {count} on e(U);"
+            engine, times = Engine(rvaft.loads(text), "scattered"), dict[int, list[float]]()
+            detections, now = 0, 0.0
+            for number in range(6_000):
+                now += 30 if random.random() < 0.5 / count else random.random() * 105 / count
+                time = now if late else round(now - random.choice((0, 0, 40)), 3)
+                user = random.randrange(2)
+                own = times.setdefault(user, [])
+                own.insert(bisect_left(own, time), time)
+                expected = any(own[at + count - 1] - own[at] <= 100 for at in range(len(own) - count + 1))
+                verdict = engine.step({"u": user, "t": time})
+                assert (verdict is Verdict.TRUE) is expected, (count, late, number)
+                if expected:
+                    detections += 1
+                    assert engine.explanation is not None
+                    assert len(engine.explanation.matched) == count
+                    engine, times = Engine(engine.tree, "scattered"), {}
+            assert detections > 3, (count, late)
+
+
+def test_a_window_over_many_choices() -> None:
+    """The lowest branch of 2^25."""
+    names = [f"o{number}" for number in range(25)]
+    leaves = " ".join(f"{o} or p{o} q{o}; p{o}; q{o};" for o in names)
+    text = f"time t as s late 0 s; top and {' '.join(names)} within 1 h; {leaves}"
+    engine = Engine(rvaft.loads(text), "scattered")
+    word = [f"{letter}{name}" for letter in "qpq" for name in names[1:]]  # every choice has both, but for the last
+    word = [one for number, one in enumerate(word) if one[0] == "q" or int(one[2:]) % 2 == 0] + ["qo0"]
+    verdicts = [engine.step({"event": one, "t": time}) for time, one in enumerate(word)]
+    assert set(verdicts[:-1]) == {Verdict.UNKNOWN}
+    assert engine.verdict is Verdict.TRUE
+    assert engine.explanation is not None
+    assert engine.explanation.branch == 1 + sum(1 << number for number in range(25) if number % 2 or not number)
+
+
+def test_values_whose_window_has_passed_are_forgotten() -> None:
+    text = "event e(n, u) = { n: n, u: u }; time t as s late 0 s; semantics scattered; top sand a b within 10 s; "
+    engine = Engine(rvaft.loads(text + 'a on e("a", U); b on e("b", U);'), limit=200)
+    for number in range(40_000):
+        assert engine.step({"n": "a", "u": f"u{number}", "t": number}) is Verdict.UNKNOWN
+    assert len(pickle.dumps(engine)) < 500_000
+    assert engine.step({"n": "b", "u": "u39995", "t": 40_000}) is Verdict.TRUE

@@ -360,7 +360,7 @@ class TreeLetters(EngineLetters):
 
     def __init__(self, compiled: CompiledTree | Occurrences, *, decide: bool = False) -> None:
         prop = compiled.prop
-        self._time = prop.time
+        self._time = None if prop.time is None else prop.time.reader()
         serves: dict[tuple[Letter, str | None], list[int]] = {}
         for node, pattern in enumerate(compiled.patterns):
             if pattern is not None:
@@ -397,7 +397,7 @@ class TreeLetters(EngineLetters):
 
     def time(self, event: Mapping[str, Json]) -> int | None:
         """Return the time of an event; None if it has none."""
-        return None if self._time is None else self._time.read(event)
+        return None if self._time is None else self._time(event)
 
     def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
         """Return the values of a letter's variables."""

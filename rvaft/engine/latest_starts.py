@@ -18,7 +18,7 @@ once for each choice.
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.property import Property
 from rvaft.engine.compiled_tree import NOTHING, Admission, EventClass, Occurrences, Reading, TreeLetters
@@ -33,7 +33,7 @@ from rvaft.engine.explanation import (
     pending,
 )
 from rvaft.engine.strategy import Strategy
-from rvaft.engine.unit_run import Match, OrderedRun, State, UnitRun, copied, plain_key
+from rvaft.engine.unit_run import Match, OrderedRun, State, Take, UnitRun, copied, plain_key
 from rvaft.engine.units import Leaf, Unit
 from rvaft.engine.unordered_run import UnorderedRun
 from rvaft.errors import TooLarge
@@ -53,22 +53,34 @@ _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
 
 class Served(NamedTuple):
-    """A leaf that events of a class serve, and how they name its instance."""
+    """A leaf that events of a class serve, and how they name its instance.
+
+    `field` has the value of a key of one variable; `named` tells that the instances of other keys,
+    or of a value that is no text or integer, have to be found by the values of the event.
+    """
 
     unit: int
     leaf: Leaf
-    fields: tuple[str, ...] | None
-    """The fields of the key, or None if these are unknown."""
+    timed: bool
+    begins: bool
+    """Whether an event can begin an instance."""
+    take: Take
+    field: str | None
+    named: bool
     admission: Admission
     plain: bool
-    """Whether a match has no variables besides the key."""
+    """Whether the event has no variables besides the key."""
+
+
+Name: TypeAlias = Hashable
+"""The value of a key of one variable, or the values of a key as a tuple; None for an undefined one."""
 
 
 class Detected(NamedTuple):
     """A match of an instance."""
 
     unit: int
-    key: tuple[Any, ...] | None
+    name: Name
     state: State
     match: Match
 
@@ -92,8 +104,9 @@ class LatestStarts(Strategy):
             )
         )
         self._served: dict[EventClass, tuple[Served, ...]] = {}
+        self._time = self.letters.time
         self._timed = any(leaf.timed for _, leaf in self._leaves)
-        self._instances: list[dict[tuple[Any, ...], State]] = [{} for _ in self.runs]
+        self._instances: list[dict[Name, State]] = [{} for _ in self.runs]
         self._watermark: int | None = None
         self._sweep_at = [SWEEP] * len(self.runs)
         self._detected: list[Detected] = []
@@ -110,9 +123,12 @@ class LatestStarts(Strategy):
         for admission in event_class.serving:
             for number in admission.nodes:
                 unit, leaf = self._leaves[number]
-                names, by_name = self.runs[unit].unit.key, admission.reader.fields
-                fields = None if by_name is None else tuple(by_name[name] for name in names)
-                served = Served(unit, leaf, fields, admission, set(rigid_variables(leaf.pattern)) == {*names})
+                key, fields = self.runs[unit].unit.key, admission.reader.fields
+                plain = set(rigid_variables(leaf.pattern)) == {*key}
+                field = fields[key[0]] if fields is not None and len(key) == 1 else None
+                named = fields is None or len(key) > 1
+                take = self.runs[unit].takes[leaf.node]
+                served = Served(unit, leaf, leaf.timed, leaf.after < 0, take, field, named, admission, plain)
                 found.append((number, served))
         # an event that serves two nodes of a sequence follows the events before it at both
         found.sort(key=lambda one: -one[0])
@@ -128,35 +144,32 @@ class LatestStarts(Strategy):
         served = self._served.get(event_class)
         if served is None:
             served = self._serving(event_class)
-        time = self.letters.time(event) if self._timed else None
+        time = self._time(event) if self._timed else None
         found: list[Detected] | None = None
-        for unit, leaf, fields, admission, plain in served:
-            if time is None and leaf.timed:
+        for unit, leaf, timed, begins, take, field, named, admission, plain in served:
+            if timed and time is None:
                 continue
-            run, instances = self.runs[unit], self._instances[unit]
-            named: Iterable[tuple[tuple[Any, ...] | None, Any]]
-            if fields is not None and plain:
-                keys = [event[field] for field in fields]
-                own = all(type(one) is str or type(one) is int for one in keys)
-                named = ((tuple(keys), None),) if own else self._named(run, leaf, admission, event)
+            instances = self._instances[unit]
+            name: Name = ()
+            if field is not None:
+                name = event[field]
+            pairs: Iterable[tuple[Name, Any]]
+            if named or not (field is None or type(name) is str or type(name) is int):
+                pairs = self._named(self.runs[unit], leaf, admission, event)
             else:
-                named = self._named(run, leaf, admission, event)
-            for name, values in named:
-                state = None if name is None else instances.get(name)
+                pairs = ((name, None if plain else admission.reader.values(event)),)
+            for name, values in pairs:
+                state = instances.get(name)
                 if state is None:
-                    if leaf.after >= 0:
+                    if not begins:
                         continue
-                    state = run.start()
-                    if name is not None:
-                        if len(instances) >= self._sweep_at[unit]:
-                            self._sweep(unit)
-                        instances[name] = state
+                    state = self._begun(unit, name)
                 self.noted = True
-                match = run.take(state, leaf, position, time, values)
+                match = take(state, position, time, values)
+                self._added += 1
                 if match is not None:
                     found = found or []
                     found.append(Detected(unit, name, state, match))
-                self._added += 1
         if self._added > self._most_added:
             self._count()
         if found is None:
@@ -164,13 +177,18 @@ class LatestStarts(Strategy):
         self._detected = found
         return Verdict.TRUE
 
+    def _begun(self, unit: int, name: Name) -> State:
+        """Return a new instance; one of an undefined value is not kept."""
+        instances, state = self._instances[unit], self.runs[unit].start()
+        if name is not None:
+            if len(instances) >= self._sweep_at[unit]:
+                self._sweep(unit)
+            instances[name] = state
+        return state
+
     def _count(self) -> None:
         """Raise `TooLarge` beyond the limit of matches where times may decrease."""
-        pairs = [
-            (run, instances)
-            for run, instances in zip(self.runs, self._instances, strict=True)
-            if isinstance(run, UnorderedRun)
-        ]
+        pairs = [*zip(self.runs, self._instances, strict=True)]
         kept = sum(run.kept(state) for run, instances in pairs for state in instances.values())
         if kept > self.limit:
             names = ", ".join(dict.fromkeys(name for run, _ in pairs for name in run.unit.names if name))
@@ -180,15 +198,16 @@ class LatestStarts(Strategy):
 
     def _named(
         self, run: UnitRun, leaf: Leaf, admission: Admission, event: Mapping[str, Json]
-    ) -> Iterator[tuple[tuple[Any, ...] | None, Mapping[str, Json]]]:
-        """Iterate over the instances that an event may serve, with values; None is an instance of its own."""
-        seen = set[Hashable]()
+    ) -> Iterator[tuple[Name, Mapping[str, Json]]]:
+        """Iterate over the instances that an event may serve, with values."""
+        seen, single = set[Hashable](), len(run.unit.key) == 1
         for values in self.letters.ways(admission, event, None):
             finite = all(is_finite(values[name]) for name in run.unit.key)
             if not all(is_finite(values[name]) for name in leaf.own):
                 continue  # an undefined value agrees with no other
-            name = tuple([plain_key(values[name]) for name in run.unit.key]) if finite else None
-            place = name, tuple([plain_key(values[name]) for name in leaf.own])
+            keys = tuple([plain_key(values[name]) for name in run.unit.key])
+            name = None if not finite else keys[0] if single else keys
+            place = name, tuple([plain_key(values[one]) for one in leaf.own])
             if not finite or place not in seen:
                 seen.add(place)
                 yield name, values
@@ -212,7 +231,7 @@ class LatestStarts(Strategy):
         for run in self.runs:
             run.watermark = watermark
 
-    def _copied(self) -> list[dict[tuple[Any, ...], State]]:
+    def _copied(self) -> list[dict[Name, State]]:
         return [{name: copied(state) for name, state in instances.items()} for instances in self._instances]
 
     def fork(self) -> Self:
@@ -254,7 +273,7 @@ class LatestStarts(Strategy):
         return pending(_Search(self), limit=limit)
 
     @property
-    def living(self) -> Iterator[tuple[int, tuple[Any, ...] | None, State]]:
+    def living(self) -> Iterator[tuple[int, Name, State]]:
         """The instances that can still detect, and for each unit a new one."""
         for number, (run, instances) in enumerate(zip(self.runs, self._instances, strict=True)):
             if () not in instances:
@@ -294,7 +313,7 @@ class _Search(MatchSearch):
             if without:
                 _, found = run.again(run.concerning(state), without)
             if found is not None:
-                names = {} if name is None else dict(zip(run.unit.key, name, strict=True))
+                names = _values(run.unit, name)
                 return self._found(run, run.steps(found, names))
         return None
 
@@ -322,7 +341,7 @@ class _Search(MatchSearch):
             if without is not None:
                 own = run.again(state[1] or (), without)[0] if without else state
                 names = {*run.awaits(own, without)}
-                yield names, dict(zip(run.unit.key, name or (), strict=False))
+                yield names, _values(run.unit, name)
 
     def is_possible(self, gate: str, child: str) -> bool:
         """Return False if no match can keep this child of a choice."""
@@ -335,6 +354,15 @@ class _Search(MatchSearch):
             if below is not None and any((number, leaf) in self._came for leaf in below):
                 return True
         return False
+
+
+def _values(unit: Unit, name: Name) -> dict[str, Json]:
+    """Return the values of the key of an instance; none if they are undefined."""
+    if name is None:
+        return {}
+    values = (name,) if len(unit.key) == 1 else name
+    assert isinstance(values, tuple), "one value for each variable"
+    return dict(zip(unit.key, values, strict=True))
 
 
 def _without(unit: Unit, choices: Choices) -> frozenset[int] | None:

@@ -48,6 +48,7 @@ class Engine(Monitor):
         self._explanation: Explanation | None = None
         self._ended: Ended | None = None
         self._limit = limit
+        self._read_time = None if tree.time is None else tree.time.reader()
         self._may_be_late = tree.time is not None and tree.time.late is not None
         if strategy is None:
             strategy = strategy_of(property_of(tree), self.semantics, limit=limit)
@@ -55,11 +56,12 @@ class Engine(Monitor):
 
     def snapshot(self) -> dict[str, object]:
         """Return the state for `restore`; it can be pickled."""
-        return {**vars(self), "tree": None, "_strategy": self._strategy.snapshot()}
+        return {**vars(self), "tree": None, "_read_time": None, "_strategy": self._strategy.snapshot()}
 
     def restore(self, snapshot: dict[str, object]) -> None:
         """Continue from a snapshot of the same tree; this monitor must be new."""
-        vars(self).update({**snapshot, "tree": self.tree, "_strategy": self._strategy})
+        own = {"tree": self.tree, "_read_time": self._read_time, "_strategy": self._strategy}
+        vars(self).update({**snapshot, **own})
         self._strategy.restore(snapshot["_strategy"])
         self.pass_time(self._latest)
 
@@ -138,12 +140,17 @@ class Engine(Monitor):
 
         A caller of `take` passes late events to `skip` instead. `jumps` have the numbers of events.
         """
-        late, latest = self.tree.time.is_late(event, self._latest) if self.tree.time else (False, None)
-        if latest != self._latest:
-            if self.tree.time is not None:
-                self.jumps = self.tree.time.jumped(self.jumps, number, self._latest, latest)
-            self.pass_time(latest)
-        return late
+        own = self.tree.time
+        if own is None or own.late is None or self._read_time is None or (time := self._read_time(event)) is None:
+            return False
+        latest = self._latest
+        if latest is not None and time <= latest:
+            return latest - time > own.late
+        if latest is None or time - latest > own.late:
+            self.jumps = own.jumped(self.jumps, number, latest, time)
+        self._latest = time
+        self._strategy.forget(time - own.late)
+        return False
 
     @property
     def latest(self) -> int | None:

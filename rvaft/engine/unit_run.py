@@ -10,8 +10,8 @@ Then follow the events of counted leaves.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Hashable, Iterable, Iterator, Mapping
-from typing import Any, Final, TypeAlias
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, Final, TypeAlias, assert_never
 
 from rvaft.core.property import Source
 from rvaft.engine.explanation import Step
@@ -26,6 +26,12 @@ Remembered: TypeAlias = tuple[int, Any, int, Any]
 """An event that a branch may need: position, time, node and values."""
 CountedEvent: TypeAlias = tuple[int, Any, Match | None, Any]
 """An event of a counted leaf: position, time, the match of the sequence before it, and values."""
+
+
+Complete: TypeAlias = Callable[[State, Match, Any], Match | None]
+"""Complete a node by a match at a time, and what it completes above; return a match of the unit."""
+Take: TypeAlias = Callable[[State, int, Any, Any], Match | None]
+"""Take an event by its position, time and values; return a match of the unit that it completes."""
 
 
 class UnitRun(ABC):
@@ -47,9 +53,12 @@ class UnitRun(ABC):
         """Return the state of a new instance."""
         return [None] * self.size
 
+    takes: Mapping[int, Take]
+    """The function of each leaf that takes an event if it may be in a match."""
+
     @abstractmethod
-    def take(self, state: State, leaf: Leaf, position: int, time: Any, values: Any) -> Match | None:
-        """Take an event if it may be in a match, and return a match of the unit that it completes."""
+    def kept(self, state: State) -> int:
+        """Return the number of matches and events of a state, if times may decrease."""
 
     @abstractmethod
     def concerning(self, state: State) -> Iterable[Remembered]:
@@ -68,7 +77,7 @@ class UnitRun(ABC):
         state, match = self.start(), None
         for position, time, node, values in events:
             if node not in without:
-                match = self.take(state, self.leaves[node], position, time, values) or match
+                match = self.takes[node](state, position, time, values) or match
         return state, match
 
     def is_over(self, state: State, node: int) -> bool:
@@ -111,7 +120,7 @@ class UnitRun(ABC):
                 found.append((node, Step(Source(leaf.source, number), position, names if values is None else values)))
         return sorted(found, key=lambda one: one[1].position)
 
-    def counted(self, state: State, leaf: Leaf, values: Any) -> tuple[Any, Hashable]:
+    def place_of(self, state: State, leaf: Leaf, values: Any) -> tuple[Any, Hashable]:
         """Return where the events of a counted leaf are: a container and their name in it."""
         place = self.places[leaf.node]
         if not leaf.own:
@@ -146,7 +155,10 @@ def plain_key(value: Json) -> Hashable:
 
 
 class OrderedRun(UnitRun):
-    """The steps if times never decrease, or no window asks for them."""
+    """The steps if times never decrease, or no window asks for them.
+
+    Each node and each leaf has a function of its own, since most of a step is known beforehand.
+    """
 
     def __init__(self, unit: Unit) -> None:
         super().__init__(unit)
@@ -154,23 +166,52 @@ class OrderedRun(UnitRun):
             leaf.node for leaf in unit.leaves if not leaf.own and unit.limits[leaf.node] == unit.window
         )
         """The leaves of which a later event can replace an earlier one."""
+        done: list[Complete] = []
+        for node in range(len(unit.ops)):
+            done.append(_within(unit.windows[node], self._above(node, done)))
+        self.takes = {leaf.node: self._taking(leaf, done[leaf.node]) for leaf in unit.leaves}
 
-    def take(self, state: State, leaf: Leaf, position: int, time: Any, values: Any) -> Match | None:
-        """Take an event if it may be in a match, and return a match of the unit that it completes."""
-        node, after, before = leaf.node, leaf.after, None
-        if after >= 0:
-            before = state[HEAD + after]
-            if before is None:
+    def _above(self, node: int, done: Sequence[Complete]) -> Complete:
+        """Return what the completion of a node means to its gate."""
+        gate, op, before, last, siblings, need = self.unit.places[node]
+        match op:
+            case Op.SEQUENCE | Op.ENDS:
+                up = done[gate] if last else _stored(HEAD + node)
+                if before < 0:
+                    return _first_part(up)
+                return _next_part(up, HEAD + before if op is Op.ENDS or self.unit.direct[node] else None)
+            case Op.ALL | Op.AT_LEAST:
+                others = [HEAD + sibling for sibling in siblings if sibling != node]
+                chosen = _all_of(others) if op is Op.ALL else _most_recent(others, need - 1)
+                return _joined(done[gate], HEAD + node, chosen, again=self.unit.again[gate])
+            case Op.ONE:
+                return done[gate] if gate >= 0 else lambda _state, match, _time: match
+            case Op.LEAF:
+                raise AssertionError("a leaf has no children")
+            case _:
+                assert_never(op)
+
+    def _taking(self, leaf: Leaf, done: Complete) -> Take:
+        node, slot, direct = leaf.node, HEAD + leaf.after if leaf.after >= 0 else 0, leaf.direct
+        settled, remembers, counts = self.unit.settled[node], self.remembers, leaf.number > 1
+
+        def take(state: State, position: int, time: Any, values: Any) -> Match | None:
+            before = None
+            if slot:
+                before = state[slot]
+                if before is None:
+                    return None
+            state[0] = time
+            if remembers:
+                self._remember(state, leaf, (position, time, node, values))
+            if settled and self.is_over(state, node):
                 return None
-        state[0] = time
-        if self.remembers:
-            self._remember(state, leaf, (position, time, node, values))
-        if self.unit.settled[node] and self.is_over(state, node):
-            return None
-        if leaf.number > 1:
-            return self._count(state, leaf, (position, time, before, values))
-        match = (position, time, (node, position, values), None if leaf.direct else before)
-        return self._rise(state, node, match, time)
+            if counts:
+                match = self._counted(state, leaf, (position, time, before, values))
+                return match and done(state, match, time)
+            return done(state, (position, time, (node, position, values), None if direct else before), time)
+
+        return take
 
     def _remember(self, state: State, leaf: Leaf, event: Remembered) -> None:
         """Remember an event with which some branch may have a match.
@@ -203,69 +244,23 @@ class OrderedRun(UnitRun):
                     break
         events.append(event)
 
-    def _count(self, state: State, leaf: Leaf, event: CountedEvent) -> Match | None:
-        count, (container, name) = leaf.number, self.counted(state, leaf, event[3])
+    def _counted(self, state: State, leaf: Leaf, event: CountedEvent) -> Match | None:
+        """Add an event to those of a counted leaf; return the match of the last ones."""
+        count, (container, name) = leaf.number, self.place_of(state, leaf, event[3])
         events = container.get(name) if leaf.own else container[name]
         if events is None:
             events = container[name] = []
-        elif len(events) >= 2 * count:
+        elif len(events) >= 2 * count:  # matches keep the list that they refer to
             events = container[name] = events[1 - count :]
         events.append(event)
         if len(events) < count:
             return None
         first = events[-count]
-        return self._rise(state, leaf.node, (first[0], first[1], (leaf.node, events, len(events)), first[2]), event[1])
+        return first[0], first[1], (leaf.node, events, len(events)), first[2]
 
-    def _rise(self, state: State, node: int, match: Match, time: Any) -> Match | None:
-        """Complete a node and what it completes above; return a match of the unit."""
-        unit = self.unit
-        while True:
-            window = unit.windows[node]
-            if window is not None and time - match[1] > window:
-                return None
-            gate, op, before, last, siblings, need = unit.places[node]
-            if gate < 0:
-                return match
-            slot = HEAD + node
-            if op is Op.SEQUENCE or op is Op.ENDS:
-                if before < 0:
-                    match = (match[0], match[1], (match[2],), match[3])
-                else:
-                    first = state[HEAD + before] if op is Op.ENDS or unit.direct[node] else match[3]
-                    if first is None:
-                        return None
-                    least = match if op is Op.ENDS and match[0] < first[0] else first
-                    match = (least[0], least[1], (*first[2], match[2]), least[3])
-                if not last:
-                    old = state[slot]
-                    if old is None or match[0] > old[0]:
-                        state[slot] = match
-                    return None
-            elif op is not Op.ONE:
-                old = state[slot]
-                if old is None or match[0] > old[0]:
-                    state[slot] = match
-                elif not unit.again[gate]:
-                    return None
-                others = []
-                for sibling in siblings:
-                    if sibling != node:
-                        other = state[HEAD + sibling]
-                        if other is not None:
-                            others.append(other)
-                        elif op is Op.ALL:
-                            return None
-                if len(others) < need - 1:
-                    return None
-                if len(others) > need - 1:
-                    others.sort(key=_first, reverse=True)
-                    del others[need - 1 :]
-                least = match
-                for other in others:
-                    if other[0] < least[0]:
-                        least = other
-                match = (least[0], least[1], (match[2], *[other[2] for other in others]), least[3])
-            node = gate
+    def kept(self, state: State) -> int:  # noqa: ARG002
+        """Return 0: what a state keeps depends on the tree alone."""
+        return 0
 
     def concerning(self, state: State) -> Iterable[Remembered]:
         """Return the remembered events."""
@@ -291,6 +286,90 @@ class OrderedRun(UnitRun):
 
 def _first(match: Match) -> int:
     return int(match[0])
+
+
+def _within(window: int | None, done: Complete) -> Complete:
+    if window is None:
+        return done
+
+    def complete(state: State, match: Match, time: Any) -> Match | None:
+        return done(state, match, time) if time - match[1] <= window else None
+
+    return complete
+
+
+def _stored(slot: int) -> Complete:
+    def complete(state: State, match: Match, time: Any) -> None:  # noqa: ARG001
+        old = state[slot]
+        if old is None or match[0] > old[0]:
+            state[slot] = match
+
+    return complete
+
+
+def _first_part(done: Complete) -> Complete:
+    def complete(state: State, match: Match, time: Any) -> Match | None:
+        return done(state, (match[0], match[1], (match[2],), match[3]), time)
+
+    return complete
+
+
+def _next_part(done: Complete, slot: int | None) -> Complete:
+    """Join a match with that of the parts before, at a slot of the state or as it was before the match."""
+
+    def complete(state: State, match: Match, time: Any) -> Match | None:
+        before = match[3] if slot is None else state[slot]
+        if before is None:
+            return None
+        least = match if match[0] < before[0] else before
+        return done(state, (least[0], least[1], (*before[2], match[2]), least[3]), time)
+
+    return complete
+
+
+def _joined(done: Complete, slot: int, chosen: Callable[[State], list[Match] | None], *, again: bool) -> Complete:
+    """Join a match with those of other children."""
+
+    def complete(state: State, match: Match, time: Any) -> Match | None:
+        old = state[slot]
+        if old is None or match[0] > old[0]:
+            state[slot] = match
+        elif not again:
+            return None
+        others = chosen(state)
+        if others is None:
+            return None
+        least = match
+        for other in others:
+            if other[0] < least[0]:
+                least = other
+        return done(state, (least[0], least[1], (match[2], *[other[2] for other in others]), least[3]), time)
+
+    return complete
+
+
+def _all_of(slots: Sequence[int]) -> Callable[[State], list[Match] | None]:
+    def chosen(state: State) -> list[Match] | None:
+        found = []
+        for slot in slots:
+            match = state[slot]
+            if match is None:
+                return None
+            found.append(match)
+        return found
+
+    return chosen
+
+
+def _most_recent(slots: Sequence[int], number: int) -> Callable[[State], list[Match] | None]:
+    def chosen(state: State) -> list[Match] | None:
+        found = [match for slot in slots if (match := state[slot]) is not None]
+        if len(found) <= number:
+            return found if len(found) == number else None
+        found.sort(key=_first, reverse=True)
+        return found[:number]
+
+    return chosen
 
 
 def _times(match: Match | None) -> Hashable:

@@ -14,7 +14,7 @@ from heapq import nlargest
 from itertools import pairwise
 from typing import Any, Final, TypeAlias
 
-from rvaft.engine.unit_run import HEAD, CountedEvent, Match, Remembered, State, UnitRun
+from rvaft.engine.unit_run import HEAD, CountedEvent, Match, Remembered, State, Take, UnitRun
 from rvaft.engine.units import Leaf, Op, Unit
 
 Front: TypeAlias = list[Match]
@@ -38,8 +38,12 @@ class UnorderedRun(UnitRun):
         """Whether the first position of a match matters: in a later child of a sequence."""
         self._followed = tuple(followed)
         """Whether the last position of a match matters to the next child."""
+        self.takes = {leaf.node: self._taking(leaf) for leaf in unit.leaves}
 
-    def take(self, state: State, leaf: Leaf, position: int, time: Any, values: Any) -> Match | None:
+    def _taking(self, leaf: Leaf) -> Take:
+        return lambda state, position, time, values: self._take(state, leaf, position, time, values)
+
+    def _take(self, state: State, leaf: Leaf, position: int, time: Any, values: Any) -> Match | None:
         """Take an event if it may be in a match, and return a match of the unit that it completes."""
         node, after = leaf.node, leaf.after
         if after >= 0 and not state[HEAD + after]:
@@ -76,7 +80,7 @@ class UnorderedRun(UnitRun):
 
     def _count(self, state: State, leaf: Leaf, event: CountedEvent) -> list[Match]:
         """Add an event to those of a counted leaf, by time; return the matches with it."""
-        count, (container, name) = leaf.number, self.counted(state, leaf, event[3])
+        count, (container, name) = leaf.number, self.place_of(state, leaf, event[3])
         events: list[CountedEvent] = (container.get(name) if leaf.own else container[name]) or []
         limit, time = self.unit.limits[leaf.node], event[1]
         if limit is None:

@@ -277,6 +277,31 @@ class EventTime:
         """
         return self._value(at(event, self.field))
 
+    def reader(self) -> Callable[[Json], int | None]:
+        """Return `read` as a function for many events.
+
+        >>> EventTime(("ts",), TimeFormat.MILLISECONDS).reader()({"ts": 7})
+        7000000
+        """
+        size = _SIZES.get(self.format) if isinstance(self.format, TimeFormat) else None
+        if len(self.field) > 1 or size is None:
+            return self.read
+        (field,), (factor, begin) = self.field, size
+
+        def read(event: Json) -> int | None:
+            value = event.get(field) if type(event) is dict else at(event, self.field)
+            if type(value) is int and -_MOST_WHOLE < value < _MOST_WHOLE:
+                return value * factor + begin
+            if type(value) is float:
+                whole, _, decimals = repr(value).partition(".")
+                if whole.isdigit() and decimals.isdigit():
+                    digits, tens = int(whole + decimals) * factor, 10 ** len(decimals)
+                    if digits % tens == 0:
+                        return int(digits // tens) + begin
+            return self._value(value)
+
+        return read
+
     def reads(self, value: Json) -> bool:
         """Whether a value of the time field can be read."""
         return self._value(value) is not None
@@ -380,10 +405,10 @@ _ISO: Final = re.compile(
 _EPOCH: Final = date(1970, 1, 1).toordinal()
 
 
-def _numeric(size: int, begin: int = 0) -> Callable[[Json], int | None]:
+def _numeric(size: int, begin: int) -> Callable[[Json], int | None]:
     def read(value: Json) -> int | None:
         if type(value) is int:
-            return value * size + begin if abs(value) < 10 ** (_MOST + 1) else None
+            return value * size + begin if abs(value) < _MOST_WHOLE else None
         text = repr(value) if isinstance(value, float) else value
         if not isinstance(text, str) or (text is value and not (len(text) <= _LONGEST and NUMBER.fullmatch(text))):
             return None
@@ -414,11 +439,16 @@ def _ros(value: Json) -> int | None:
     return None
 
 
+_SIZES: Final[Mapping[TimeFormat, tuple[int, int]]] = {
+    TimeFormat.FILETIME: (100, -11_644_473_600 * UNITS["s"]),
+    **{form: (UNITS[form.value], 0) for form in TimeFormat if form.value in UNITS},
+}
+"""The numeric formats: the nanoseconds of a unit, and the time of 0."""
+_MOST_WHOLE: Final = 10 ** (_MOST + 1)
 _READERS: Final[Mapping[TimeFormat, Callable[[Json], int | None]]] = {
     TimeFormat.ISO8601: _iso8601,
     TimeFormat.ROS: _ros,
-    TimeFormat.FILETIME: _numeric(100, -11_644_473_600 * UNITS["s"]),
-    **{form: _numeric(UNITS[form.value]) for form in TimeFormat if form.value in UNITS},
+    **{form: _numeric(*size) for form, size in _SIZES.items()},
 }
 assert set(_READERS) == set(TimeFormat)
 _SCALARS: Final = frozenset({str, float})

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Hashable, Mapping
 from typing import Any, Final, Self
 
-from rvaft.core.passes import property_of, reduced
+from rvaft.core.passes import followed, property_of
 from rvaft.engine.compiled_tree import NOTHING, EngineLetters, EventClass, Inert, Reading
 from rvaft.engine.explanation import together
 from rvaft.engine.selection import strategy_of
@@ -50,7 +50,7 @@ class Engine(Monitor):
         self._limit = limit
         self._may_be_late = tree.time is not None and tree.time.late is not None
         if strategy is None:
-            strategy = strategy_of(reduced(property_of(tree)), self.semantics, limit=limit)
+            strategy = strategy_of(followed(property_of(tree)), self.semantics, limit=limit)
         self._strategy = strategy
 
     def snapshot(self) -> dict[str, object]:

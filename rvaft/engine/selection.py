@@ -1,7 +1,6 @@
 """The strategy for a property."""
 
 from rvaft.core.property import Property
-from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.engine.contiguous import SMALL, ContiguousMatches
 from rvaft.engine.following import Contiguous
@@ -13,13 +12,12 @@ from rvaft.model.verdict import Semantics
 
 
 def strategy_of(prop: Property, semantics: Semantics, *, limit: int) -> Strategy:
-    """Return the strategy of a property as `passes.reduced` returns it."""
-    found = [_strategy(one, semantics, limit) for one in prop.alternatives]
-    return found[0] if len(found) == 1 else Alternatives(found)
+    """Return the strategy of a property as `passes.followed` returns it."""
+    return _strategy(prop, semantics, limit)
 
 
 def measured_strategy(prop: Property, semantics: Semantics, *, limit: int) -> Measured:
-    """Return the strategy of one alternative whose progress is measured.
+    """Return the strategy of a property as above, whose progress is measured.
 
     Its partial matches cover all parts jointly, and count even if no time could complete them.
     """

@@ -342,8 +342,8 @@ class SharedNodes:
             ways = (touched if len(touched) == 1 else []) if touched else [*picks, *shared]
             yield from ((child,) for child in ways)
             return
-        # Silent parts cost nothing; without orders, no possible child does.
-        for size in range(len(shared) + 1) if self._ordered else [len(shared)]:
+        # Silent parts cost nothing; without orders and broken windows, no possible child does.
+        for size in range(len(shared) + 1) if self._ordered or configuration.broken else [len(shared)]:
             missing = max(compiled.need[node] - size - len(touched) - len(silent), 0)
             # a window with events too far apart needs another event
             most = max(missing, 1) if compiled.over_core and not complete else missing

@@ -21,7 +21,7 @@ from rvaft.api import monitor
 from rvaft.backend import Specification, backend
 from rvaft.cli import warn
 from rvaft.core.classifier import TreeReads
-from rvaft.core.passes import property_of, reduced
+from rvaft.core.passes import followed, property_of
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.strategy import Strategy
 from rvaft.errors import OptionError, RvaftError, TooLarge, ToolFailed, TraceError
@@ -240,7 +240,7 @@ class NativeMatches(Strategy):
     """The buffer has the events of a match when it is explained."""
 
     def __init__(self, tree: RVAFT, run: NativeRun) -> None:
-        self.letters = TreeLetters(CompiledTree(reduced(property_of(tree))))
+        self.letters = TreeLetters(CompiledTree(followed(property_of(tree))))
         self._run = run
         self._match: Sequence[MatchedLine] = ()
 

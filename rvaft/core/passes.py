@@ -180,8 +180,7 @@ def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
             return One(part.source, left) if isinstance(part, One) else All(part.source, left)
 
         wholes = {source: whole for source, whole in prop.wholes.items() if whole in kept}
-        part = replace(prop, wholes=wholes, resolved=True)
-        yield part.rewritten(change)
+        yield replace(prop, wholes=wholes).rewritten(change)
 
 
 def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iterator[Property]]) -> Property:
@@ -194,7 +193,7 @@ def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iter
     roots = tuple(found)
     if not roots:
         return prop.with_root(IMPOSSIBLE)
-    return found[roots[0]] if len(roots) == 1 else replace(prop.with_root(One(None, roots)), resolved=True)
+    return found[roots[0]] if len(roots) == 1 else prop.with_root(One(None, roots))
 
 
 class _Ends:
@@ -261,7 +260,10 @@ def _successors(root: Part) -> dict[Event, set[Event]]:
     return after
 
 
-def _with_ends(prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | None) -> Property:
+def _with_ends(
+    prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | None, *, only_single: bool = False
+) -> Property:
+    """Return the property with ends in order as sequences, if `only_single` those over single events."""
     ends = _Ends(prop)
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
@@ -270,6 +272,8 @@ def _with_ends(prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | 
         busy = [inner for inner in part.parts if inner not in ends.silent]
         if ends.single.issuperset(busy):
             return Sequence(part.source, parts)
+        if only_single:
+            return with_parts(part, parts)
         new = dict(zip(part.parts, parts, strict=True))
         ended, more = list[Part](), list[Part]()
         for inner in busy:
@@ -331,8 +335,11 @@ def _windows_to_guards(prop: Property, limit: int) -> Property:
         return _by_choices(prop, limit, lambda each, _: iter([_with_guards(each)]))
 
 
-def _with_guards(prop: Property, *, windows: bool = True) -> Property:
-    """Return the property without `start` and `end`, with `windows` as guards; raises `_Open`."""
+def _with_guards(prop: Property, *, windows: bool = True, only_fixed: bool = False) -> Property:
+    """Return the property without `start` and `end`, with `windows` as guards; raises `_Open`.
+
+    If `only_fixed`, windows over choices stay.
+    """
     below: dict[Part, tuple[Part, ...]] = {}
     rank = prop.tree.rank
 
@@ -362,6 +369,8 @@ def _with_guards(prop: Property, *, windows: bool = True) -> Property:
                 time_point.name: point(time_point) for time_point in time_points(guard)
             }:
                 return replace(part, guard=substitute(_differences(guard), points), written=part.written or guard)
+            case Within(parts=(whole,)) if windows and only_fixed and any(map(chooses, parts_below(whole))):
+                return with_parts(part, parts)
             case Within(source=source, parts=(whole,), duration=duration) if windows:
                 span = Operation(Operator.SUB, (extreme("end", whole), extreme("start", whole)))
                 window = Condition(source, Operation(Operator.LE, (span, Literal(duration))), window=duration)
@@ -502,8 +511,48 @@ flatten: Final = Pass("flatten", frozenset(), _flatten)
 
 
 def reduced(prop: Property, limit: int = LIMIT) -> Property:
-    """Return the property as events, guards over events, sequences and choices, for the engine."""
+    """Return the property as events, guards over events, sequences and choices."""
     return simplify(windows_to_guards(order_ends(expand_times(prop), limit), limit))
+
+
+def followed(prop: Property, limit: int = LIMIT) -> Property:
+    """Return the property that the engine follows.
+
+    Windows over choices stay, and ends in order outside of shared parts. Each alternative is `reduced`
+    if it has an end in order above a shared part, or a `start` or `end` of a part with choices.
+    """
+    roots: dict[Part, None] = {}
+    for alternative in expand_times(prop).alternatives:
+        with suppress(_Open):
+            made = _followed(alternative, limit)
+            roots.update(dict.fromkeys(one.root for one in made.alternatives))
+    found = tuple(root for root in roots if root is not IMPOSSIBLE)
+    return prop.with_root(found[0] if len(found) == 1 else One(None, found))
+
+
+def _followed(prop: Property, limit: int) -> Property:
+    made = prop
+    if any(isinstance(part, EndInOrder) for part in prop.parts):
+        try:
+            made = _with_ends(prop, None)
+        except _Open:
+            made = _with_ends(prop, None, only_single=True)
+            if _shares_below_ends(made):
+                return reduced(prop, limit)
+    try:
+        return simplify(_with_guards(made, only_fixed=True))
+    except _Open:
+        return reduced(prop, limit)
+
+
+def _shares_below_ends(prop: Property) -> bool:
+    shared = set(prop.shared)
+    for part in prop.parts:
+        if any(inner in shared for inner in part.parts):
+            shared.add(part)
+            if isinstance(part, EndInOrder):
+                return True
+    return False
 
 
 def property_of(tree: RVAFT) -> Property:

@@ -215,8 +215,6 @@ class Property:
     """The assumptions that a text may rely on."""
     extensions: tuple[str, ...] = ()
     """The extensions of the language that a text needs."""
-    resolved: bool = False
-    """Whether a pass has made all choices, so that each alternative belongs to one branch."""
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:

@@ -15,8 +15,8 @@ from rvaft.core.branches import branches
 from rvaft.core.build import build
 from rvaft.core.classifier import TreeReads
 from rvaft.core.part_numbers import PartKind
-from rvaft.core.passes import of_branch, reduced
-from rvaft.core.property import All, Event, Property, Source, Times
+from rvaft.core.passes import followed, of_branch
+from rvaft.core.property import All, EndInOrder, Event, One, Part, Property, Source, Times, with_parts
 from rvaft.core.scenarios import is_empty, transitive
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import awaited
@@ -171,17 +171,18 @@ class Reach(NamedTuple):
     awaited: tuple[Awaited, ...]
 
 
-class AlternativeFollower:
-    """The monitor of an alternative of a branch; it keeps its best partial matches.
+class BranchFollower:
+    """The monitor of a branch; it keeps its best partial matches.
 
-    Under `scattered`, only better partial matches replace others, so one comparison at the end
-    suffices. Otherwise they are compared after each event.
+    Raises `TooLarge`, and `TreeError` if no scenario is feasible. Under `scattered`, only better
+    partial matches replace others, so one comparison at the end suffices. Otherwise they are compared
+    after each event.
     """
 
     def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
         self.verdict = Verdict.UNKNOWN
         self._tree, self._semantics = prop.tree, semantics
-        self._strategy = measured_strategy(prop, semantics, limit=limit)
+        self._strategy = measured_strategy(_followed(prop), semantics, limit=limit)
         self._shortest = LackingEvents(self._strategy.compiled)
         self._lacking, self._last = self._shortest.fewest({})[0], 0
         self._best: dict[Hashable, Callable[[], Collection[str]]] = {}
@@ -227,45 +228,19 @@ class AlternativeFollower:
                 self._best[(*taken.items(), *dead)] = partial(progress.awaited, nodes)
 
 
-class BranchFollower:
-    """The monitors of one branch, one per alternative; the best one counts.
+def _followed(prop: Property) -> Property:
+    """Return the property of a branch that a `BranchFollower` follows; raises `TreeError`."""
+    present = {part.source.node for part in prop.parts if isinstance(part, Event | Times)}
+    own = tuple(entry for entry in prop.alphabet if entry.node in present)
+    made = followed(replace(prop, alphabet=own, ignored=()))  # relevance is computed once for all branches
+    feasible = tuple(one.root for one in made.alternatives if not is_empty(one.rewritten(_unordered)))
+    if not feasible:
+        raise TreeError("no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])
+    return made.with_root(feasible[0] if len(feasible) == 1 else One(None, feasible))
 
-    Raises `TooLarge`, and `TreeError` if no scenario is feasible.
-    """
 
-    def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
-        present = {part.source.node for part in prop.parts if isinstance(part, Event | Times)}
-        own = tuple(entry for entry in prop.alphabet if entry.node in present)
-        prop = replace(prop, alphabet=own, ignored=())  # relevance is computed once for all branches
-        feasible = (alternative for alternative in reduced(prop).alternatives if not is_empty(alternative))
-        self._parts = [AlternativeFollower(alternative, semantics, limit=limit) for alternative in feasible]
-        if not self._parts:
-            raise TreeError("no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])
-
-    def fork(self) -> Self:
-        """Return an independent copy."""
-        twin = copy(self)
-        twin._parts = [part.fork() for part in self._parts]  # noqa: SLF001
-        return twin
-
-    @property
-    def verdict(self) -> Verdict:
-        """True if one alternative is true, false if all are false."""
-        found = [part.verdict for part in self._parts]
-        return next((verdict for verdict in (Verdict.TRUE, Verdict.UNKNOWN) if verdict in found), Verdict.FALSE)
-
-    def follow(self, number: int, event: Json, *, fits: bool) -> None:
-        """Read the event with this number, by all alternatives."""
-        for part in self._parts:
-            if part.verdict is Verdict.UNKNOWN:
-                part.follow(number, event, fits=fits)
-
-    def reach(self) -> Reach:
-        """Return the progress of the best alternatives, with their awaited events joined."""
-        found = [part.reach() for part in self._parts]
-        best = min(found, key=lambda reach: (reach.lacking, reach.event))
-        alike = [reach for reach in found if reach[:2] == best[:2]]
-        return best._replace(awaited=tuple(dict.fromkeys(node for reach in alike for node in reach.awaited)))
+def _unordered(part: Part, parts: tuple[Part, ...]) -> Part:
+    return All(part.source, parts) if isinstance(part, EndInOrder) else with_parts(part, parts)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,12 +23,12 @@ from rvaft.core import property as core
 from rvaft.core.classifier import EventTest, GuardTable, Letter, PatternIndex, Reader, guard_table, reader
 from rvaft.core.part_numbers import PartKind, op_of
 from rvaft.core.property import Part, Property, Source, fewest
-from rvaft.core.times import TimeDifference, differences
-from rvaft.model.guards import Guard, Predicate, TimePoint, conjuncts, predicate, renamed, time_points
+from rvaft.core.times import Extreme, TimeDifference, differences
+from rvaft.model.guards import Guard, Operator, Predicate, TimePoint, conjuncts, predicate, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.values import Json
-from rvaft.support.bits import mask_of
+from rvaft.support.bits import mask_of, union
 
 
 class _Node(NamedTuple):
@@ -41,12 +41,33 @@ class _Node(NamedTuple):
     op: PartKind
     children: tuple[Part, ...]
     need: int
+    window: int | None = None
+    ends: bool = False
+    """Whether the children end in order."""
 
 
-def _nodes(prop: Property) -> list[_Node]:
+def _all_nodes(prop: Property) -> tuple[list[_Node], list[tuple[int, ...]]]:
+    """Return the nodes and their children; alternatives made by a pass share no nodes."""
+    found, children, roots = list[_Node](), list[tuple[int, ...]](), list[int]()
+    alternatives = prop.alternatives
+    if len(alternatives) != 1:
+        found.append(_Node(prop.root, None, None, None, PartKind.ONE, prop.root.parts, 1))
+        children.append(())
+    for alternative in alternatives:
+        direction = next((one.event_first for one in found if one.event_first is not None), None)
+        nodes, first = _nodes(alternative, direction), len(found)
+        number = {one.part: node for node, one in enumerate(nodes, first)}
+        roots.append(first)
+        found += nodes
+        children += (tuple(number[child] for child in one.children) for one in nodes)
+    if len(alternatives) != 1:
+        children[0] = tuple(roots)
+    return found, children
+
+
+def _nodes(prop: Property, direction: bool | None) -> list[_Node]:
     found: list[_Node] = []
     taken: set[Part] = set()
-    direction: bool | None = None
     for part in reversed(prop.parts):
         if part not in taken:
             node = _joined(part, prop.shared, direction)
@@ -72,6 +93,8 @@ def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Nod
     match current:
         case core.Event():
             return _Node(part, current, None, guard, op_of(current), (), 0)
+        case core.Within(parts=parts, duration=duration):
+            return _Node(part, None, None, guard, PartKind.ALL, parts, 1, window=duration)
         case core.Condition() if guard is None:
             return _Node(part, None, None, current.guard, op_of(current), (), 0)
         case core.Sequence(parts=(core.Event() as event, below)) if direction is not False:
@@ -79,10 +102,16 @@ def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Nod
         case core.Sequence(parts=(below, core.Event() as event)) if direction is not True:
             first = False
         case _:
-            return _Node(part, None, None, guard, op_of(current), rest, _need(current, rest))
+            ends = isinstance(current, core.EndInOrder)
+            return _Node(part, None, None, guard, _op(current), rest, _need(current, rest), ends=ends)
     if _belongs(event, part, shared) and _belongs(below, part, shared) and _is_gate(below):
-        return _Node(part, event, first, guard, op_of(below), below.parts, fewest(below))
+        ends = isinstance(below, core.EndInOrder)
+        return _Node(part, event, first, guard, _op(below), below.parts, fewest(below), ends=ends)
     return _Node(part, None, None, guard, op_of(current), rest, len(rest))
+
+
+def _op(part: Part) -> PartKind:
+    return PartKind.ALL if isinstance(part, core.EndInOrder) else op_of(part)
 
 
 def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
@@ -92,7 +121,7 @@ def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
 
 def _is_gate(part: Part) -> bool:
     own = any(isinstance(one, core.Condition) and _belongs(one, part, frozenset()) for one in part.parts)
-    return bool(part.parts) and not own
+    return bool(part.parts) and not own and not isinstance(part, core.Within)
 
 
 def _need(part: Part, rest: tuple[Part, ...]) -> int:
@@ -114,13 +143,12 @@ class CompiledTree:
 
     def __init__(self, prop: Property) -> None:
         self.prop = prop
-        nodes = _nodes(prop)
-        number = {one.part: node for node, one in enumerate(nodes)}
+        nodes, inner = _all_nodes(prop)
         self.names = tuple("" if one.part.source is None else one.part.source.node for one in nodes)
         """The name in the tree; several nodes may share a name."""
         self.events = tuple(None if one.event is None else one.event.source for one in nodes)
         self.ops = tuple(one.op for one in nodes)
-        self.children = tuple(tuple(number[child] for child in one.children) for one in nodes)
+        self.children = tuple(inner)
         self.need = tuple(one.need for one in nodes)
         """The minimum number of children in a scenario."""
         choosing = (node for node, one in enumerate(nodes) if len(one.children) > one.need)
@@ -136,13 +164,24 @@ class CompiledTree:
         """Whether events of nodes precede the events below them."""
         self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
         self._note_variables(nodes)
-        seen = Counter(child for children in self.children for child in children)
+        seen = Counter(chain(*self.children))
         self._note_parts({child for child, count in seen.items() if count > 1})
+        self.ends = mask_of(node for node, one in enumerate(nodes) if one.ends)
+        """The gates whose children end in order; they are above no shared node."""
+        assert not self.ends & mask_of(self.core), "such trees have alternatives instead"
+        self.windows = {node: one.window for node, one in enumerate(nodes) if one.window is not None}
+        """The silent nodes that bound how far the events below are apart, with durations."""
+        self._note_registers()
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
         self.explained: dict[Hashable, Any] = {}
         """The explained matches of earlier detections, by what they depend on (see `explanation`)."""
+
+    def times_of(self, node: int) -> tuple[str, ...]:
+        """Return the variables that have the time of a node's event: its own, and the present."""
+        time = self.time_of[node]
+        return (*(() if time is None else (time,)), *((NOW,) if self.registers[node] else ()))
 
     def some(self, nodes: Iterable[int]) -> str:
         """Return the names of the first nodes, for a message."""
@@ -155,9 +194,13 @@ class CompiledTree:
         return {source: node for node, source in enumerate(self.events) if source is not None}
 
     @cached_property
-    def choices(self) -> Mapping[str, int]:
-        """The node of each `or` gate of the tree."""
-        return {name: node for node, name in enumerate(self.names) if name and self.ops[node] is PartKind.ONE}
+    def choices(self) -> Mapping[str, Sequence[int]]:
+        """The nodes of each `or` gate of the tree, in several alternatives several."""
+        found: dict[str, list[int]] = {}
+        for node, name in enumerate(self.names):
+            if name and self.ops[node] is PartKind.ONE:
+                found.setdefault(name, []).append(node)
+        return found
 
     def decided_by(self, nodes: Iterable[int]) -> dict[int, Guard]:
         """Return the guards, by node, that an event of these nodes decides alone."""
@@ -170,9 +213,9 @@ class CompiledTree:
                     found[waiting] = guard
         return found
 
-    def child(self, gate: str, name: str) -> int:
-        """Return the child of an `or` gate with this name, or -1."""
-        return next((child for child in self.children[self.choices[gate]] if self.names[child] == name), -1)
+    def child(self, gate: int, name: str) -> int:
+        """Return the child of a node with this name, or -1."""
+        return next((child for child in self.children[gate] if self.names[child] == name), -1)
 
     def _note_variables(self, nodes: Sequence[_Node]) -> None:
         guards = [one.guard for one in nodes]
@@ -238,6 +281,77 @@ class CompiledTree:
                 self.freezer[child] = child if later or ends else self.freezer[node]
         self.parts = tuple(node for node in range(size) if node not in core and self.parent[node] < 0)
 
+    def surely_below(self, window: int) -> frozenset[int]:
+        """Return the core nodes and parts that are below a window in every scenario."""
+        found = self._surely_below.get(window)
+        if found is None:
+            agenda, seen = [window] if self.certain >> window & 1 else [], set[int]()
+            while agenda:
+                node = agenda.pop()
+                seen.add(node)
+                if node in self.members and not self.chooses >> node & 1:
+                    agenda += self.children[node]
+            found = self._surely_below[window] = frozenset(seen)
+        return found
+
+    def register(self, node: int) -> "Register":
+        """Return the register of a window, or of an element of the core."""
+        return Register(node, f"start[{node}]", f"end[{node}]")
+
+    def _note_registers(self) -> None:
+        size = len(self.names)
+        self.below = [int(self.own[node]) << node for node in range(size)] if self.windows else []
+        """If there are windows, for each node the events at and below it."""
+        for node in range(size - 1, -1, -1) if self.windows else ():
+            self.below[node] |= union(self.below[child] for child in self.children[node])
+        self.over_core = tuple(node for node in self.windows if node in self.members)
+        """The windows over shared nodes."""
+        found = list[tuple[Register, ...]]()
+        for node, own in enumerate(self.own):
+            above = dict[int, None]()
+            parent = node if own and self.windows else -1
+            while parent >= 0:
+                if parent in self.windows and parent not in self.members:
+                    above[parent] = None
+                parent = self.parent[parent]
+            if own and any(self.below[window] >> node & 1 for window in self.over_core):
+                above[self.part_of[node]] = None
+            found.append(tuple(map(self.register, above)))
+        self.registers = tuple(found)
+        """For each node with an event, the registers of its time."""
+        self._surely_below: dict[int, frozenset[int]] = {}
+        self.register_of = {one.least: one for some in found for one in some}
+        self.times |= {name for one in self.register_of.values() for name in one[1:]}
+
+
+NOW: Final = "now"
+"""The variable of the time of the present event."""
+
+
+class Register(NamedTuple):
+    """The variables with the least and the greatest time of the events taken at and below a node.
+
+    The node is a window, or a part or core node below a window over shared nodes.
+    """
+
+    node: int
+    least: str
+    greatest: str
+
+    def noted(self, binding: dict[str, Json], now: Json) -> None:
+        """Note the time of one more event; an undefined time makes both undefined."""
+        least, greatest = binding.get(self.least, now), binding.get(self.greatest, now)
+        defined = now is not None and least is not None
+        binding[self.least] = min(least, now) if defined else None
+        binding[self.greatest] = max(greatest, now) if defined else None
+
+
+def window_over(registers: Iterable[Register], duration: int) -> TimeDifference:
+    """Return the condition on the times in some registers and on the present time."""
+    registers = tuple(registers)
+    last = Extreme(Operator.MAX, (*[one.greatest for one in registers], NOW))
+    return TimeDifference(last, Extreme(Operator.MIN, (*[one.least for one in registers], NOW)), duration)
+
 
 class Conjunct(NamedTuple):
     """A conjunct of a guard with its variables and the differences that it bounds."""
@@ -284,7 +398,8 @@ class Admission(NamedTuple):
     nodes: tuple[int, ...]
     relevant: bool
     reader: Reader
-    time: str | None
+    times: tuple[str, ...]
+    """The variables that have the time of the event."""
     decided: tuple[tuple[int, Guard | EventTest], ...]
     """The guards that the event alone decides, by node bit."""
     own: tuple[tuple[int, Predicate], ...] = ()
@@ -341,10 +456,9 @@ class Occurrences(NamedTuple):
     patterns: tuple[Pattern, ...]
     filters: tuple[Guard | None, ...]
 
-    @property
-    def time_of(self) -> tuple[None, ...]:
-        """No occurrence has its time as a variable."""
-        return (None,) * len(self.patterns)
+    def times_of(self, node: int) -> tuple[str, ...]:  # noqa: ARG002
+        """Return no names: the strategy reads the time."""
+        return ()
 
     def decided_by(self, nodes: Iterable[int]) -> dict[int, Guard]:  # noqa: ARG002
         """Return no guards: each waits for no other event."""
@@ -361,20 +475,19 @@ class TreeLetters(EngineLetters):
     def __init__(self, compiled: CompiledTree | Occurrences, *, decide: bool = False) -> None:
         prop = compiled.prop
         self._time = None if prop.time is None else prop.time.reader()
-        serves: dict[tuple[Letter, str | None], list[int]] = {}
+        serves: dict[tuple[Letter, tuple[str, ...]], list[int]] = {}
         for node, pattern in enumerate(compiled.patterns):
             if pattern is not None:
                 letter = Letter(pattern, compiled.filters[node])
-                serves.setdefault((letter, compiled.time_of[node]), []).append(node)
-        alphabet = dict.fromkeys((Letter(entry.pattern, entry.when), None) for entry in prop.alphabet)
+                serves.setdefault((letter, compiled.times_of(node)), []).append(node)
+        alphabet = dict.fromkeys((Letter(entry.pattern, entry.when), ()) for entry in prop.alphabet)
         found = tuple(dict.fromkeys([*serves, *alphabet]))
         self.letters = tuple(letter for letter, _ in found)
         self.serves = tuple(tuple(serves.get(one, ())) for one in found)
         self._admissions: dict[Pattern, list[Admission]] = {}
-        for number, (letter, time) in enumerate(found):
+        for number, (letter, times) in enumerate(found):
             nodes, own = self.serves[number], reader(number, letter)
-            known = None if self._time is None else time
-            plain = Admission(number, nodes, (letter, time) in alphabet, own, known, ())
+            plain = Admission(number, nodes, (letter, times) in alphabet, own, times, ())
             guards = compiled.decided_by(nodes).items() if decide else ()
             if own.ways is None:
                 tests = tuple((1 << node, self._test(plain, guard)) for node, guard in guards)
@@ -392,7 +505,7 @@ class TreeLetters(EngineLetters):
         if fields is not None and fields.keys() >= set(guard_variables(guard)):
             return renamed(guard, fields)
         admits, holds = admission.reader.admits, predicate(guard)
-        name = (admission.reader.pattern, admission.time, guard)
+        name = (admission.reader.pattern, admission.times, guard)
         return EventTest(name, lambda event: admits(event) and holds(self.values(admission, event)))
 
     def time(self, event: Mapping[str, Json]) -> int | None:
@@ -402,8 +515,8 @@ class TreeLetters(EngineLetters):
     def values(self, admission: Admission, event: Mapping[str, Json]) -> dict[str, Json]:
         """Return the values of a letter's variables."""
         found = admission.reader.values(event)
-        if admission.time is not None:
-            found[admission.time] = self.time(event)
+        if admission.times:
+            found.update(dict.fromkeys(admission.times, self.time(event)))
         return found
 
     def ways(self, admission: Admission, event: Mapping[str, Json], time: int | None) -> list[dict[str, Json]]:
@@ -412,7 +525,7 @@ class TreeLetters(EngineLetters):
         `time` is the time of the event.
         """
         found = [admission.reader.values(event)] if admission.reader.ways is None else admission.reader.ways(event)
-        return found if admission.time is None else [{**one, admission.time: time} for one in found]
+        return [{**one, **dict.fromkeys(admission.times, time)} for one in found] if admission.times else found
 
     def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
         """Return the table from events to classes."""
@@ -433,7 +546,7 @@ class TreeLetters(EngineLetters):
                 place += len(one.decided)
             if any(holds[len(letters) : first]):
                 relevant = False
-            timed = any(one.time is not None or one.reader.ways is not None for one in serving)
+            timed = any(one.times or one.reader.ways is not None for one in serving)
             return EventClass(tuple(serving), relevant, tuple(held), timed)
 
         return guard_table([*(one.reader.test for one in letters), *(one.test for one in ignored), *decided], derive)

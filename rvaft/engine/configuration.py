@@ -22,7 +22,7 @@ from typing import Any, Final, NamedTuple, Optional, TypeAlias, cast
 from rvaft.core.part_numbers import PartKind
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.model.values import Json, fingerprint
-from rvaft.support.bits import bits
+from rvaft.support.bits import bits, mask_of
 
 
 class Witness(NamedTuple):
@@ -53,6 +53,9 @@ class Configuration:
     - `dead`: the nodes whose guard failed; `closed`: the nodes without a waiting guard.
     - `binding`: the values of the variables that are still needed.
     - `inversions`: the broken orders between core elements; a scenario must not require them.
+    - `unfit`: the windows that the events taken break, if their part may go on regardless.
+    - `owing`: the children of ends in order that need a later event than those taken.
+    - `broken`: a window over shared nodes and two elements with events too far apart for it.
     - `flags`, `tallies`: derived data of `PartProgress` where it differs from the start.
     - `witness`: the steps so far; not part of the state.
     """
@@ -64,12 +67,16 @@ class Configuration:
     inversions: frozenset[tuple[int, int]] = frozenset()
     flags: dict[int, int] = field(default_factory=dict)
     tallies: dict[int, Tally] = field(default_factory=dict)
+    unfit: int = 0
+    owing: int = 0
+    broken: frozenset[tuple[int, int, int]] = frozenset()
     witness: Witness | None = None
 
     def copy(self) -> "Configuration":
         """Return an independent copy."""
         own = self.binding.copy(), self.inversions, self.flags.copy(), self.tallies.copy()
-        return Configuration(self.dead, self.closed, self.taken, *own, self.witness)
+        broken = self.unfit, self.owing, self.broken
+        return Configuration(self.dead, self.closed, self.taken, *own, *broken, self.witness)
 
     @property
     def fields(self) -> tuple[object, ...]:
@@ -79,7 +86,13 @@ class Configuration:
     @property
     def key(self) -> Hashable:
         """A key that is equal for partial matches with equal futures."""
-        return self.taken, self.dead, self.inversions, fingerprint(self.binding)
+        broken = self.inversions, self.unfit, self.owing, self.broken
+        return self.taken, self.dead, *broken, fingerprint(self.binding)
+
+    @property
+    def place(self) -> tuple[Hashable, ...]:
+        """The progress, which does not depend on the values of variables."""
+        return self.taken, self.dead, self.closed, self.inversions, self.unfit, self.owing, self.broken
 
 
 def history(last: Witness | None) -> list[Witness]:
@@ -145,6 +158,7 @@ class PartProgress:
 
     def __init__(self, compiled: CompiledTree) -> None:
         self.compiled = compiled
+        self._windows = mask_of(node for node in compiled.windows if node not in compiled.members)
         self._sequence = [op is PartKind.SEQUENCE for op in compiled.ops]
         self._flags = [0] * len(compiled.names)
         self._tallies: list[Tally] = [()] * len(compiled.names)
@@ -255,6 +269,8 @@ class PartProgress:
                 found = TOUCHED | found & (DONE | SURE)
         if configuration.dead >> node & 1:
             return found & TOUCHED
+        if self._windows >> node & 1 and (configuration.unfit >> node & 1 or not found & TOUCHED):
+            return found & (TOUCHED | MORE)
         return found if configuration.closed >> node & 1 else found & ~SURE
 
     def inner(self, configuration: Configuration, node: int) -> int:
@@ -263,6 +279,8 @@ class PartProgress:
         size = len(compiled.children[node])
         if not size:
             return DONE | SURE
+        if compiled.ends >> node & 1:
+            return self._in_order_of_ends(configuration, node)
         tally = configuration.tallies.get(node) or self._tallies[node]
         if self._sequence[node]:
             last, late, done, sure, possible, more = tally
@@ -283,4 +301,40 @@ class PartProgress:
             found |= MORE
         if sure_touched == touched and sure >= need:
             found |= SURE
+        return found
+
+    def _in_order_of_ends(self, configuration: Configuration, node: int) -> int:
+        """Return the joint flags of children that end in order.
+
+        In each way, the children before some child are done, and the later ones without events or with
+        more.
+        """
+        children = self.compiled.children[node]
+        touched, surely, done, first, last_more = 0, True, len(children), 0, -1
+        for slot, child in enumerate(children):
+            flags = self.flags(configuration, child)
+            fits = flags & DONE > 0 and not configuration.owing >> child & 1
+            touched |= flags & TOUCHED
+            surely = surely and fits and flags & SURE > 0
+            if not fits:
+                done = min(done, slot)
+            if flags & MORE:
+                last_more = slot
+            elif not flags & DONE or flags & TOUCHED:
+                first = slot + 1
+        found = touched | (DONE if done == len(children) else 0) | (SURE if surely else 0)
+        return found | (MORE if first <= done and last_more >= first else 0)
+
+    def reordered(self, configuration: Configuration, node: int) -> list[int]:
+        """Note an event of a node for the ends in order above it; return those, inner ones first."""
+        compiled, found = self.compiled, list[int]()
+        parent = compiled.parent[node] if compiled.ends else -1
+        while parent >= 0:
+            if compiled.ends >> parent & 1:
+                found.append(parent)
+                configuration.owing &= ~(1 << node)
+                for later in compiled.children[parent][compiled.slot[node] + 1 :]:
+                    if self.flags(configuration, later) & TOUCHED:
+                        configuration.owing |= 1 << later
+            node, parent = parent, compiled.parent[parent]
         return found

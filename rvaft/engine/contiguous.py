@@ -242,6 +242,7 @@ class ContiguousMatches(Following):
                     stage, _ = stages.outcome(move, 0, outcomes) or (None, False)
                     if stage is None:
                         continue
+                bound = move.timed(bound) if move.registers else bound
                 kept = {name: bound[name] for name in stage.names}
                 key: tuple[Any, ...] = (stage,)
                 if timed or len(steps) > 1:

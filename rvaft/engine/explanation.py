@@ -18,7 +18,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.core.branches import branches, number_of, or_gates
 from rvaft.core.part_numbers import PartKind
-from rvaft.core.property import One, Property, Source
+from rvaft.core.property import Property, Source
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import event_text
@@ -59,13 +59,6 @@ def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, 
         return chosen.get(name, tree.nodes[name].children)
 
     return {name: children(name) for name in reachable(tree.root, children)}
-
-
-def made_choices(prop: Property) -> dict[str, str]:
-    """Return the child that each `or` gate keeps, after all choices."""
-    gates = [part for part in prop.parts if isinstance(part, One) and part.source is not None]
-    kept = ((gate.source, gate.parts[0].source) for gate in gates)
-    return {gate.node: child.node for gate, child in kept if gate is not None and child is not None}
 
 
 class MatchSearch(ABC):
@@ -110,7 +103,8 @@ class CompiledSearch(MatchSearch):
             return False
         able, unavoidable = self._limits
         is_first = self.prop.tree.nodes[gate].children[0] == child
-        return self.compiled.child(gate, child) in able or (is_first and self.compiled.choices[gate] not in unavoidable)
+        nodes = self.compiled.choices[gate]
+        return any(self.compiled.child(node, child) in able or (is_first and node not in unavoidable) for node in nodes)
 
     @cached_property
     def _limits(self) -> tuple[set[int], set[int]]:
@@ -177,9 +171,7 @@ def explained_match(search: MatchSearch) -> tuple[FoundMatch, Explained]:
     found = search.find({})
     assert found is not None, "what detected is a match"
     number = prop.branch
-    if number is None and prop.resolved:
-        number = number_of(tree, made_choices(prop))
-    elif number is None and prop.kind is None:
+    if number is None and prop.kind is None:
         found, number = _lowest(tree, search, found)
     elif number is None:
         of_kind = (branch for branch in islice(branches(tree), BRANCHES) if prop.kind in branch.kinds)
@@ -222,8 +214,6 @@ def pending(search: MatchSearch, *, limit: int) -> tuple[Pending, ...]:
     selected: list[tuple[int | None, Choices | None]] = [(None, None)]
     if prop.branch is not None:
         selected = [(prop.branch, {})]
-    elif prop.resolved:
-        selected = [(number_of(tree, made_choices(prop)), {})]
     else:
         with suppress(TooLarge):
             first = list(islice(branches(tree), limit + 1))

@@ -87,7 +87,7 @@ class Following(Measured):
         compiled, matches, known = self.compiled, self.matches, self.compiled.explained
         histories = [history(match.witness) for match in matches]
         nodes = [(*[step[1] for step in steps],) for steps in histories]
-        alike = tuple([(own, one.dead, one.closed) for own, one in zip(nodes, matches, strict=True)])
+        alike = tuple([(own, one.place) for own, one in zip(nodes, matches, strict=True)])
         if alike not in known:
             if len(known) >= REMEMBERED:
                 known.clear()
@@ -111,7 +111,7 @@ class Following(Measured):
         """Iterate over the progress of the partial matches, without those with equal futures."""
         alike: dict[Hashable, Configuration] = {}
         for match in self.partial:
-            alike.setdefault((match.taken, match.dead, match.inversions), match)
+            alike.setdefault(match.place, match)
         for match in alike.values():
             taken = {step.node: step.position for step in history(match.witness)}
             yield Progress(taken, (*bits(match.dead),), exact=True, awaited=partial(self._awaited, match.witness))

@@ -80,7 +80,8 @@ def _units(compiled: CompiledTree) -> tuple[list[int], list[int]]:
         below[node] |= union(below[child] for child in compiled.children[node])
     while agenda:
         node = agenda.pop()
-        children, silent = compiled.children[node], compiled.guards[node] is None and not compiled.own[node]
+        free = node not in compiled.windows and not compiled.ends >> node & 1
+        children, silent = compiled.children[node], free and compiled.guards[node] is None and not compiled.own[node]
         if silent and children and compiled.ops[node] in (PartKind.ALL, PartKind.SEQUENCE):
             agenda += [child for child in children if child not in joints]
             joints.add(node)

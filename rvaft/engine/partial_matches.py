@@ -3,17 +3,20 @@
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Final
+from typing import Final, TypeAlias
 
 from rvaft.core.times import TimeDifference
-from rvaft.engine.compiled_tree import CompiledTree
-from rvaft.engine.configuration import MORE, SURE, Configuration, PartProgress, Witness
+from rvaft.engine.compiled_tree import NOW, CompiledTree, window_over
+from rvaft.engine.configuration import DONE, MORE, SURE, Configuration, PartProgress, Witness
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, equal
+from rvaft.support.bits import bits
 
 REMEMBERED: Final = 10_000
 """Maximum number of partial matches that a replay remembers."""
+WindowKey: TypeAlias = int | tuple[int, int, int]
+"""A window, or a window over shared nodes and two elements below it."""
 
 
 class Matching:
@@ -27,7 +30,7 @@ class Matching:
         self.compiled = compiled
         self.early = early
         self.progress = PartProgress(compiled)
-        self.shared = SharedNodes(compiled, self.progress, limit=limit)
+        self.shared = SharedNodes(compiled, self.progress, limit=limit, early=early)
         self.early_differences: dict[int, tuple[TimeDifference, ...]] = {}
         """For nodes with guards over times, the time differences that can fail early."""
         for node, parts in enumerate(compiled.conjuncts if early else ()):
@@ -40,8 +43,8 @@ class Matching:
         self._after: dict[int, tuple[Witness, Configuration | None]] = {}
         """The partial matches after steps that were replayed lately, by the id of the last step."""
         self._admitted: dict[Hashable, frozenset[str]] = {}
-        self.under: dict[Hashable, Matching] = {}
-        """The same under choices."""
+        self.under: dict[Hashable, tuple[Matching, ...]] = {}
+        """The same under choices, for each alternative."""
 
     def start(self) -> Configuration:
         """Return the partial match before any event."""
@@ -62,12 +65,12 @@ class Matching:
         position: int,
         *,
         reuse: bool = False,
-        judged: Mapping[int, bool] | None = None,
+        judged: Mapping[Hashable, bool] | None = None,
     ) -> Configuration | None:
         """Return the (partial) match after a node's event, or None.
 
-        With `reuse`, the argument changes in place. `judged` holds the outcomes of guards that can
-        be decided now.
+        With `reuse`, the argument changes in place. `judged` holds the outcomes of guards and windows
+        that can be decided now.
         """
         compiled, bound = self.compiled, configuration.binding
         names = compiled.exported[node]
@@ -77,7 +80,7 @@ class Matching:
             if name in bound and not equal(bound[name], values[name]):
                 return None
         new = self._taken(configuration, node, reuse=reuse)
-        if new is None:
+        if new is None or (compiled.registers[node] and not self._note_time(new, node, values.get(NOW), judged)):
             return None
         if names:
             for name in names:
@@ -102,8 +105,84 @@ class Matching:
                     new, name
                 ):
                     new.binding.pop(name, None)
+        for name in [name for name in new.binding if name in compiled.register_of] if compiled.windows else ():
+            register = compiled.register_of[name]
+            if not self.grows(new, register.node):
+                del new.binding[register.least], new.binding[register.greatest]
         new.witness = Witness(configuration.witness, node, position, values)
         return new if any(self.standing(new)) else None
+
+    def _note_time(
+        self, configuration: Configuration, node: int, now: Json, judged: Mapping[Hashable, bool] | None
+    ) -> bool:
+        """Note the time of a node's event for the windows above; return False if the node is ruled out."""
+        binding = {**configuration.binding, NOW: now}
+        for key, window in self.windows_over(configuration, node).items():
+            if window.holds(binding) if judged is None else judged[key]:
+                continue
+            if isinstance(key, tuple):
+                configuration.broken |= {key}
+                continue
+            configuration.unfit |= 1 << key
+            if self.early or not self.progress.refresh(configuration, key):
+                return False
+        for register in self.compiled.registers[node]:
+            register.noted(configuration.binding, now)
+        return True
+
+    def windows_over(self, configuration: Configuration, node: int) -> dict[WindowKey, TimeDifference]:
+        """Return the conditions of windows on the time of a node's event and the times of those taken.
+
+        A window over shared nodes has a condition for each element that may be below it too.
+        """
+        compiled, found = self.compiled, dict[WindowKey, TimeDifference]()
+        for register in compiled.registers[node]:
+            if register.node in compiled.windows and register.node not in compiled.members:
+                found[register.node] = window_over([register], compiled.windows[register.node])
+        if compiled.over_core:
+            own = compiled.part_of[node]
+            elements = [own, *(one for one in bits(self.shared.touched(configuration)) if one != own)]
+            for window in compiled.over_core:
+                below = [one for one in elements if compiled.below[one] & compiled.below[window]]
+                for one in below if own in below else ():
+                    registers = {each: compiled.register(each) for each in (own, one)}
+                    pair = (window, min(own, one), max(own, one))
+                    found[pair] = window_over(registers.values(), compiled.windows[window])
+        return found
+
+    def open_windows(self, configuration: Configuration) -> tuple[TimeDifference, ...]:
+        """Return the conditions on later events: windows that have a register and need another event."""
+        compiled, found = self.compiled, list[TimeDifference]()
+        for name in configuration.binding if compiled.windows else ():
+            register = compiled.register_of.get(name)
+            if register is None:
+                continue
+            node = register.node
+            if node in compiled.windows and not self.progress.flags(configuration, node) & DONE:
+                found.append(window_over([register], compiled.windows[node]))
+            for window in compiled.over_core:
+                if node in compiled.surely_below(window) and self._needs_more(configuration, window):
+                    found.append(window_over([register], compiled.windows[window]))
+        return tuple(found)
+
+    def _needs_more(self, configuration: Configuration, window: int) -> bool:
+        elements = self.compiled.surely_below(window)
+        inner, taken = self.compiled.members, configuration.taken
+        return any(
+            (self.compiled.own[one] and not taken >> one & 1)
+            if one in inner
+            else not self.progress.flags(configuration, one) & DONE
+            for one in elements
+        )
+
+    def grows(self, configuration: Configuration, node: int) -> bool:
+        """Whether the part with a register may have another event."""
+        compiled = self.compiled
+        own = node in compiled.windows and node not in compiled.members
+        if own and self.progress.flags(configuration, node) & MORE and not self.progress.over(configuration, node):
+            return True
+        windows = (one for one in compiled.over_core if compiled.below[one] & compiled.below[node])
+        return any(compiled.below[one] & ~configuration.taken for one in windows)
 
     def _taken(self, configuration: Configuration, node: int, *, reuse: bool = False) -> Configuration | None:
         in_core = node in self.compiled.members
@@ -113,7 +192,10 @@ class Matching:
         if self.compiled.core:
             new.inversions |= self.shared.inverted(configuration, node)
         new.taken |= 1 << node
-        return new if in_core or self.progress.refresh(new, node) else None
+        if in_core:
+            return new
+        ends = self.progress.reordered(new, node)
+        return new if all(self.progress.refresh(new, one) for one in (node, *ends)) else None
 
     def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
         """Return the partial match after these steps, or None."""
@@ -147,7 +229,7 @@ class Matching:
 
     def admitted(self, configuration: Configuration) -> frozenset[str]:
         """Return the nodes whose event could come next."""
-        place = configuration.taken, configuration.dead, configuration.closed, configuration.inversions
+        place = configuration.place
         found = self._admitted.get(place)
         if found is None:
             compiled = self.compiled

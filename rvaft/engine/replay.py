@@ -40,24 +40,27 @@ class Replay(CompiledSearch):
 
     def find(self, choices: Choices) -> FoundMatch | None:
         """Return a match with these choices, or None."""
-        for matching, match in self._replayed([history(match.witness) for match in self._matches], choices):
-            if matching.standing(match)[0]:
-                steps = steps_of(matching.compiled, history(match.witness))
-                return found_match(matching.compiled, steps, _scenario(matching, match))
+        histories = [history(match.witness) for match in self._matches]
+        for matching in self._under(choices):
+            for match in self._replayed(matching, histories):
+                if matching.standing(match)[0]:
+                    steps = steps_of(matching.compiled, history(match.witness))
+                    return found_match(matching.compiled, steps, _scenario(matching, match))
         return None
 
     def waiting(self, choices: Choices | None) -> Iterable[tuple[Iterable[str], Mapping[str, Json]]]:
         """Return the awaited nodes under these choices, by the values of variables."""
         found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
-        replayed = list(self._replayed(self._histories, choices))
-        # the partial matches of this branch have been subsumed
-        if not replayed and choices and self._drops:
-            sources = {event.source for event in with_choices(self.prop, choices).events}
-            rest = [[step for step in steps if self.compiled.events[step.node] in sources] for steps in self._histories]
-            replayed = list(self._replayed(rest, choices)) or list(self._replayed([[]], choices))
-        for matching, match in replayed:
-            names = found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0]
-            names.update(matching.admitted(match))
+        for matching in self._under(choices):
+            replayed = list(self._replayed(matching, self._histories))
+            # the partial matches of this branch have been subsumed
+            if not replayed and choices and self._drops:
+                sources, own = self.compiled.events, matching.compiled.occurrences
+                rest = [[step for step in steps if sources[step.node] in own] for steps in self._histories]
+                replayed = list(self._replayed(matching, rest)) or list(self._replayed(matching, [[]]))
+            for match in replayed:
+                names = found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0]
+                names.update(matching.admitted(match))
         return found.values()
 
     @cached_property
@@ -66,33 +69,35 @@ class Replay(CompiledSearch):
         taken = mask_of(step.node for match in self._matches for step in history(match.witness))
         return frozenset(node for node, own in enumerate(self.compiled.own) if not own or taken >> node & 1)
 
-    def _replayed(
-        self, histories: Iterable[list[Witness]], choices: Choices | None
-    ) -> Iterator[tuple[Matching, Configuration]]:
-        matching, sources = self._matching, self.compiled.events
+    def _under(self, choices: Choices | None) -> Sequence[Matching]:
+        """Return the extension of partial matches under choices, for each alternative."""
         if not choices:
+            return (self._matching,)
+        under, made = self._matching.under, frozenset(choices.items())
+        if made not in under:
+            if len(under) >= DEFAULT_BRANCHES:
+                under.clear()
+            chosen, early = with_choices(self.prop, choices), self._matching.early
+            trees = map(CompiledTree, (one for one in chosen.alternatives if one.feasible))
+            under[made] = tuple(Matching(tree, limit=self._limit, early=early) for tree in trees)
+        return under[made]
+
+    def _replayed(self, matching: Matching, histories: Iterable[list[Witness]]) -> Iterator[Configuration]:
+        """Iterate over the partial matches after these steps of the tree."""
+        if matching is self._matching:
             for steps in histories:
                 match = matching.after(steps[-1] if steps else None)
                 if match is not None:
-                    yield matching, match
+                    yield match
             return
-        under, made = matching.under, frozenset(choices.items())
-        if made not in under:
-            chosen = with_choices(self.prop, choices)
-            if not chosen.feasible:
-                return
-            if len(under) >= DEFAULT_BRANCHES:
-                under.clear()
-            under[made] = Matching(CompiledTree(chosen), limit=self._limit, early=matching.early)
-        matching = under[made]
-        node_of = matching.compiled.occurrences
+        sources, node_of = self.compiled.events, matching.compiled.occurrences
         for steps in histories:
             places = [(sources[step.node], step) for step in steps]
             if all(source in node_of for source, _ in places):
                 taken = ((node_of[source], one.values, one.position) for source, one in places if source is not None)
                 match = matching.replayed(taken)
                 if match is not None:
-                    yield matching, match
+                    yield match
 
 
 def steps_of(compiled: CompiledTree, steps: Iterable[Witness]) -> list[Step]:

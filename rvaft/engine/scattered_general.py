@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple, Self, TypeAlias
 from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import (
     NOTHING,
+    NOW,
     QUIET,
     Admission,
     CompiledTree,
@@ -273,7 +274,8 @@ class ScatteredMatches(Following):
             if moves:
                 names = tuple(dict.fromkeys(name for node in one.nodes for name in self.compiled.exported[node]))
                 by_name = one.reader.fields
-                fields = None if by_name is None or one.time else tuple(by_name[name] for name in names)
+                names = (*names, NOW) if NOW in one.times else names
+                fields = None if by_name is None or one.times else tuple(by_name[name] for name in names)
                 found.append(CandidateMove(one, moves, held, names, fields))
                 self._stages.size += 1 + len(moves)
         if len(known) >= REMEMBERED:
@@ -319,7 +321,7 @@ class ScatteredMatches(Following):
                             begun |= self._part_of[move.node].nodes  # other parts have yet to begin
                         elif commits_to_it:
                             ended[number] = group
-                        binding = stage.remembered(bound)
+                        binding = stage.remembered(move.timed(bound) if move.registers else bound)
                         step = _new(Witness, (last, move.node, position, values))
                         rivals = groups.get(stage)
                         rank = UNRANKED if rivals is None else rivals.rank(binding, step)

@@ -80,7 +80,7 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditio
     A condition of a shared node through one parent must apply in every scenario with the node. A
     part that may have no events needs equal conditions through all parents.
     """
-    if any(compiled.exported):
+    if any(compiled.exported) or compiled.windows or compiled.ends:
         return None
     found = StartConditions([[] for _ in compiled.names], [frozenset()] * len(compiled.names))
     silent, implied = _may_be_silent(compiled), list[int]()
@@ -497,7 +497,8 @@ class _LinearSearch(CompiledSearch):
         made = {gate: child for gate, child in choices.items() if gate in compiled.choices}
         if strategy.useful is None or not made:
             return strategy.run
-        numbers = {compiled.choices[gate]: compiled.child(gate, child) for gate, child in made.items()}
+        nodes = ((node, child) for gate, child in made.items() for node in compiled.choices[gate])
+        numbers = {node: compiled.child(node, child) for node, child in nodes}
         run = LinearRun(compiled, strategy.starts, numbers)
         for position, served in strategy.useful.entries:
             run.fire(served, position)

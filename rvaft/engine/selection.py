@@ -1,8 +1,7 @@
 """The strategy for a property."""
 
-from rvaft.core.passes import decide_constants, reduced
+from rvaft.core.passes import decide_constants, followed
 from rvaft.core.property import IMPOSSIBLE, Property
-from rvaft.engine.alternatives import Alternatives
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.engine.contiguous import SMALL, ContiguousMatches
 from rvaft.engine.following import Contiguous
@@ -19,9 +18,7 @@ def strategy_of(prop: Property, semantics: Semantics, *, limit: int) -> Strategy
     """Return the strategy of a property."""
     if semantics is Semantics.SCATTERED and (apart := _latest_starts(prop, limit)) is not None:
         return apart
-    prop = reduced(prop)
-    found = [_strategy(one, semantics, limit) for one in prop.alternatives]
-    return found[0] if len(found) == 1 else Alternatives(found)
+    return _strategy(followed(prop), semantics, limit)
 
 
 def _latest_starts(prop: Property, limit: int) -> LatestStarts | None:
@@ -34,7 +31,7 @@ def _latest_starts(prop: Property, limit: int) -> LatestStarts | None:
 
 
 def measured_strategy(prop: Property, semantics: Semantics, *, limit: int) -> Measured:
-    """Return the strategy of one alternative whose progress is measured.
+    """Return the strategy of a property as above, whose progress is measured.
 
     Its partial matches cover all parts jointly, and count even if no time could complete them.
     """

@@ -38,7 +38,7 @@ class SettledChoices:
             weights[name] = weight
             weight *= len(tree.nodes[name].children)
         for gate in compiled.core:
-            if compiled.choices.get(names[gate]) != gate:
+            if gate not in compiled.choices.get(names[gate], ()):
                 continue
             parts = [child for child in compiled.children[gate] if child not in compiled.members]
             others, digits = 0, tree.nodes[names[gate]].children
@@ -56,6 +56,7 @@ class SettledChoices:
         variables, and whether choices are settled.
         """
         taken, dead, closed = configuration.taken, configuration.dead, configuration.closed
+        unfit, owing = configuration.unfit, configuration.owing
         settled: dict[int, int] = {}
         for part, gate in self._gates.items():
             if taken & self._below[part] and progress.flags(configuration, part) == TOUCHED | DONE | SURE:
@@ -63,11 +64,13 @@ class SettledChoices:
         for part in settled:
             others = self._others[part]
             taken, dead, closed = taken & ~others, dead & ~others, closed | others
+            unfit, owing = unfit & ~others, owing & ~others
         broken = frozenset(
             (settled.get(one, one), settled.get(other, other)) for one, other in configuration.inversions
         )
         names = tuple(sorted(configuration.binding))
-        return (taken, dead, closed, broken, names, mask_of(-1 - one for one in settled.values())), bool(settled)
+        place = taken, dead, closed, broken, unfit, owing, configuration.broken
+        return (place, names, mask_of(-1 - one for one in settled.values())), bool(settled)
 
     def number(self, last: Witness | None) -> int:
         """Return the number of the choices of a partial match; lower numbers are lower branches."""

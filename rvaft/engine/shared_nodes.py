@@ -30,8 +30,9 @@ Resolution: TypeAlias = Mapping[int, tuple[int, ...]]
 class SharedNodes:
     """The core of a tree; raises `TooLarge` if one search takes more than `limit` steps."""
 
-    def __init__(self, compiled: CompiledTree, progress: PartProgress, *, limit: int) -> None:
+    def __init__(self, compiled: CompiledTree, progress: PartProgress, *, limit: int, early: bool = False) -> None:
         self.compiled = compiled
+        self.early = early
         self.progress = progress
         self.limit = limit
         self._mask = mask_of(compiled.core)
@@ -45,7 +46,7 @@ class SharedNodes:
         mask = self._mask
         own = configuration.taken & mask, configuration.dead & mask, configuration.closed & mask
         parts = tuple([self.progress.flags(configuration, part) for part in self.compiled.parts])
-        key = (*own, parts, configuration.inversions)
+        key = (*own, parts, configuration.inversions, configuration.broken)
         found = self._memory.get(key)
         if found is None:
             if len(self._memory) >= MEMORY:
@@ -56,8 +57,7 @@ class SharedNodes:
                 # Parts are as complete as possible: without a remaining element there is already a
                 # match.
                 resolutions = self.resolutions(configuration, complete=False)
-                elements = (self._elements(configuration, kept) for kept in resolutions)
-                partial = any(present & ~finished for present, finished in elements)
+                partial = any(self._lacks(configuration, kept) for kept in resolutions)
             found = self._memory[key] = (complete, partial)
         return found
 
@@ -68,7 +68,7 @@ class SharedNodes:
     def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
         """Return the orders that a node's event breaks."""
         element = self.compiled.part_of[node]
-        touched = self._touched(configuration) & ~(1 << element)
+        touched = self.touched(configuration) & ~(1 << element)
         return frozenset((element, other) for other in bits(touched) if self._before[other] >> element & 1)
 
     def settled(self, configuration: Configuration, node: int, *, chosen: bool) -> bool:
@@ -96,7 +96,8 @@ class SharedNodes:
         parts = [[child for child in children if child not in compiled.members] for children in choices]
         return {one: tuple(other for other in some if other != one) for some in parts for one in some}
 
-    def _touched(self, configuration: Configuration) -> int:
+    def touched(self, configuration: Configuration) -> int:
+        """Return the elements with an event taken."""
         parts = (part for part in self.compiled.parts if self.progress.flags(configuration, part) & TOUCHED)
         return configuration.taken & self._mask | mask_of(parts)
 
@@ -182,6 +183,74 @@ class SharedNodes:
             relations.append((*orders, direct & left > 0, after & touched > 0))
         return tuple(relations)
 
+    def _spans(
+        self, configuration: Configuration, kept: Resolution, ahead: int, *, complete: bool, resolved: bool
+    ) -> Hashable | None:
+        """Return the relevant state of the windows of a resolution, or None if one fails.
+
+        A window fails with events too far apart or without events, unless an event below it remains
+        and the window need not fail early.
+        """
+        compiled, found = self.compiled, list[Hashable]()
+        if not compiled.over_core:
+            return ()
+        present, finished = self._elements(configuration, kept)
+        below = self._below(kept)
+        for window in compiled.over_core:
+            if window not in kept:
+                continue
+            apart = [pair for pair in configuration.broken if pair[0] == window]
+            broken = any(below[window] >> one & below[window] >> other & 1 for _, one, other in apart)
+            if broken and (complete or self.early):
+                return None
+            inside = below[window]
+            goes_on = not complete and self._goes_on(configuration, kept, inside, present, finished)
+            if resolved and (broken or not inside & present) and not goes_on:
+                return None
+            far = mask_of(one for _, *pair in apart for one in pair)
+            found.append((inside & far, inside & ahead, broken, goes_on, inside & present > 0))
+        return tuple(found)
+
+    def _below(self, kept: Resolution) -> dict[int, int]:
+        """Return the elements and unresolved nodes below each resolved node."""
+        below: dict[int, int] = {}
+        for node in sorted(kept, reverse=True):
+            below[node] = self.compiled.own[node] << node
+            for child in kept[node]:
+                below[node] |= below[child] if child in kept else 1 << child
+        return below
+
+    def _goes_on(
+        self, configuration: Configuration, kept: Resolution, inside: int, present: int, finished: int
+    ) -> bool:
+        """Whether an event may remain among some elements."""
+        if inside & present & ~finished:
+            return True
+        parts = (one for one in bits(inside & ~self._mask) if self.progress.flags(configuration, one) & MORE)
+        able = mask_of(parts)
+        if not self._ordered or not able:
+            return able > 0
+        before, touched = self._precedence(kept, present | able), self.touched(configuration)
+        return any(not any(before[later] >> one & 1 for later in bits(touched & present)) for one in bits(able))
+
+    def _lacks(self, configuration: Configuration, kept: Resolution) -> bool:
+        """Whether an event remains in a resolution without a match."""
+        present, finished = self._elements(configuration, kept)
+        if present & ~finished:
+            return True
+        below = self._below(kept)
+        return any(
+            window in kept
+            and (
+                not below[window] & present
+                or any(
+                    at == window and below[window] >> one & below[window] >> other & 1
+                    for at, one, other in configuration.broken
+                )
+            )
+            for window in self.compiled.over_core
+        )
+
     def resolutions(self, configuration: Configuration, *, complete: bool) -> Iterator[Resolution]:
         """Iterate over resolutions with a feasible scenario in which the occurrences taken are
         downward closed.
@@ -190,7 +259,7 @@ class SharedNodes:
         """
         compiled, core = self.compiled, self.compiled.core
         able = self._able(configuration, complete=complete)
-        touched = self._touched(configuration)
+        touched = self.touched(configuration)
         needed = [  # nodes that the occurrences taken need
             node
             for node in core
@@ -226,9 +295,12 @@ class SharedNodes:
             if not all(within_reach >> one & 1 for one in needed):
                 continue
             outlook = self._outlook(configuration, kept, touched, ahead)
-            if outlook is None or (place, ahead, outlook) in seen:
+            if outlook is None:
                 continue
-            seen.add((place, ahead, outlook))
+            spans = self._spans(configuration, kept, ahead, complete=complete, resolved=place == len(core))
+            if spans is None or (place, ahead, outlook, spans) in seen:
+                continue
+            seen.add((place, ahead, outlook, spans))
             if place == len(core):
                 yield kept
             else:
@@ -270,10 +342,12 @@ class SharedNodes:
             ways = (touched if len(touched) == 1 else []) if touched else [*picks, *shared]
             yield from ((child,) for child in ways)
             return
-        # Silent parts cost nothing; without orders, no possible child does.
-        for size in range(len(shared) + 1) if self._ordered else [len(shared)]:
+        # Silent parts cost nothing; without orders and broken windows, no possible child does.
+        for size in range(len(shared) + 1) if self._ordered or configuration.broken else [len(shared)]:
             missing = max(compiled.need[node] - size - len(touched) - len(silent), 0)
-            if missing <= len(waiting):
+            # a window with events too far apart needs another event
+            most = max(missing, 1) if compiled.over_core and not complete else missing
+            for count in range(missing, min(most, len(waiting)) + 1):
                 for picked in combinations(shared, size):
-                    chosen = {*picked, *touched, *silent, *waiting[:missing]}
+                    chosen = {*picked, *touched, *silent, *waiting[:count]}
                     yield tuple(child for child in children if child in chosen)

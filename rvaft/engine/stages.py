@@ -9,12 +9,12 @@ Of many times that only windows bound, a partial match remembers the least and t
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, product
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias, cast
 
 from rvaft.core.times import Extreme, TimeDifference
-from rvaft.engine.compiled_tree import EventClass
+from rvaft.engine.compiled_tree import NOW, EventClass, Register
 from rvaft.engine.configuration import Configuration, Witness
-from rvaft.engine.partial_matches import Matching
+from rvaft.engine.partial_matches import Matching, WindowKey
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import Bound, RankFunction
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
@@ -74,7 +74,8 @@ class Stage:
     def configuration(self, binding: dict[str, Json], last: Witness | None) -> Configuration:
         """Return the partial match with these values and steps."""
         one = self.sample
-        return Configuration(one.dead, one.closed, one.taken, binding, one.inversions, one.flags, one.tallies, last)
+        derived = one.inversions, one.flags, one.tallies, one.unfit, one.owing, one.broken
+        return Configuration(one.dead, one.closed, one.taken, binding, *derived, last)
 
     def remembered(self, bound: Mapping[str, Json]) -> dict[str, Json]:
         """Return what a partial match of this stage remembers of these values."""
@@ -118,9 +119,9 @@ class Order(NamedTuple):
 
     @classmethod
     def of(
-        cls, stage: Stage, term: Term, bounds: Iterable[Bound], target: Stage | None, equal_names: Collection[str]
+        cls, move: "StageMove", term: Term, bounds: Iterable[Bound], target: Stage | None, equal_names: Collection[str]
     ) -> "Order":
-        """Return the order by a term of a stage.
+        """Return the order by a term of the stage of a move.
 
         `target` is the common stage of all extensions; `equal_names` have equal values in all of
         them.
@@ -128,9 +129,14 @@ class Order(NamedTuple):
         if target is None or not {*equal_names}.issuperset((*target.ranking.exact, *target.ranking.excluded)):
             return cls(term, tuple(bounds), False, None)
         last_first, ordered, others = True, False, list[tuple[Term, Extreme]]()
-        ordering = {*stage.known(term.extreme.names)}
+        ordering = {*move.stage.known(term.extreme.names)}
+        noted = {one.least: Operator.MIN for one in move.registers}
+        noted |= {one.greatest: Operator.MAX for one in move.registers}
         for one in target.ranking.terms:
             sign, operator, names = one.sign, one.extreme.operator, target.known(one.extreme.names)
+            if len(names) == 1 and names[0] in noted:  # the extreme of the remembered time and the event's
+                operator = noted[names[0]]
+                names = (*(name for name in names if name in move.stage.names), NOW)
             far = {name for name in names if name not in equal_names}
             if not ordered and far == ordering and (len(far) == 1 or operator is term.extreme.operator):
                 last_first, ordered = sign > 0, True
@@ -151,11 +157,23 @@ class StageMove:
     """The bound variables that the event must repeat."""
     alone: int
     """The guards that the event alone decides, as bits."""
-    joint: dict[int, Predicate]
-    """The guards that depend on remembered values too."""
+    joint: dict[WindowKey, Predicate]
+    """The guards and windows that depend on remembered values too."""
+    windows: dict[WindowKey, TimeDifference]
+    registers: tuple[Register, ...]
+    """The registers of the event's time."""
     scan: Scan | None = None
     outcomes: dict[tuple[int, tuple[bool, ...]], tuple[Stage, bool] | None] = field(default_factory=dict)
     """By outcomes: the target stage, and whether it subsumes the original."""
+
+    def timed(self, bound: Mapping[str, Json]) -> Mapping[str, Json]:
+        """Return the values after the event's time is noted."""
+        if not self.registers:
+            return bound
+        noted = dict(bound)
+        for register in self.registers:
+            register.noted(noted, bound[NOW])
+        return noted
 
 
 def agree(names: Iterable[str], one: Mapping[str, Json], other: Mapping[str, Json]) -> bool:
@@ -210,7 +228,7 @@ class Stages:
         if self.choices is not None:
             return self.choices.place(configuration, self.matching.progress)
         names = tuple(sorted(configuration.binding))  # an event that rules out a node keeps the variables of the node
-        return (configuration.taken, configuration.dead, configuration.closed, configuration.inversions, names), False
+        return (configuration.place, names), False
 
     def _made(self, sample: Configuration, *, settled: bool) -> Stage:
         matching, choices, ranks = self.matching, self.choices, Ranking()
@@ -231,6 +249,7 @@ class Stages:
                 for one in differences
                 if not all(matching.is_bound(sample, name) for name in one.plus.names)
             )
+            deadlines += matching.open_windows(sample) if matching.early else ()
 
         def rank(binding: Mapping[str, Json], last: Witness | None) -> Rank:
             found = ranks.of(binding)
@@ -282,12 +301,15 @@ class Stages:
                 own = closing if self.choices is not None else ()
                 alone = mask_of(guard for guard in own if remembered.keys().isdisjoint(compiled.needs[guard]))
                 decided = ((guard, self.matching.test(guard, bound)) for guard in closing if not alone >> guard & 1)
-                joint = {guard: holds for guard, holds in decided if holds is not None}
+                joint: dict[WindowKey, Predicate] = {guard: holds for guard, holds in decided if holds is not None}
                 for guard in narrowed:
                     # a time alone fails a guard only if it is undefined; under `scattered` a later event tells
                     if self.choices is None or not remembered.keys().isdisjoint(compiled.needs[guard]):
                         joint[guard] = self.matching.early_test(guard, bound)
-                found = StageMove(stage, node, tuple(name for name in names if name in remembered), alone, joint)
+                windows = self.matching.windows_over(stage.sample, node)
+                joint.update((key, window.holds) for key, window in windows.items())
+                compared, registers = tuple(name for name in names if name in remembered), compiled.registers[node]
+                found = StageMove(stage, node, compared, alone, joint, windows, registers)
             stage.moves[node] = found
         return stage.moves[node]
 
@@ -300,7 +322,7 @@ class Stages:
             return move.outcomes[place]
         except KeyError:
             self.size += 1
-        judged = {guard: bool(held >> guard & 1) for guard in bits(move.alone)}
+        judged: dict[Hashable, bool] = {guard: bool(held >> guard & 1) for guard in bits(move.alone)}
         judged.update(zip(move.joint, outcomes, strict=True))
         before, node, found = move.stage.sample, move.node, None
         values = dict.fromkeys(self.matching.compiled.exported[node])
@@ -317,19 +339,20 @@ class Stages:
         if move.scan is None:
             compiled, joint = self.matching.compiled, [*move.joint]
             own, joined = compiled.exported[move.node], dict[str, Guard]()
+            own = (*own, NOW) if move.registers else own
             orders: dict[Term, list[Bound]] = {}
             needed = [
                 one
                 for one in joint
-                if compiled.certain >> one & 1
+                if (one not in move.windows and compiled.certain >> cast("int", one) & 1)
                 or not self.outcome(move, move.alone, tuple(other != one for other in joint))
             ]
             far = set(move.stage.names).difference(own)
-            for part, names, over_times, differences in chain(*(compiled.conjuncts[one] for one in needed)):
-                if over_times:
-                    for difference in differences or ():
-                        for term, bound in _time_bounds(difference, far, own):
-                            orders.setdefault(term, []).append(bound)
+            guards = [cast("int", one) for one in needed if one not in move.windows]
+            over_times = [move.windows[one] for one in needed if one in move.windows]
+            for part, names, timed, differences in chain(*(compiled.conjuncts[one] for one in guards)):
+                if timed:
+                    over_times += differences or ()
                     continue
                 distant = [name for name in names if name in far]
                 if len(distant) == 1 and {*own, *distant}.issuperset(names):
@@ -338,11 +361,14 @@ class Stages:
                         joined[name] = other
                     elif isinstance(part, Operation) and part.operator in ORDERINGS and (sign := tendency(part, name)):
                         orders.setdefault(Term(1, Extreme(Operator.MAX, (name,))), []).append(_bound(part, name, sign))
+            for difference in over_times:
+                for term, bound in _time_bounds(difference, far, own):
+                    orders.setdefault(term, []).append(bound)
             found = self.outcome(move, move.alone, (True,) * len(joint))
             target = found[0] if found and len(needed) == len(joint) and not found[0].settled else None
             terms = tuple(map(evaluation, (*map(Variable, move.compared), *joined.values())))
             equal_names = {*own, *joined}
-            ranged = [Order.of(move.stage, term, bounds, target, equal_names) for term, bounds in orders.items()]
+            ranged = [Order.of(move, term, bounds, target, equal_names) for term, bounds in orders.items()]
             if terms and not ranged:
                 ranged = [Order(None, (), last_first=False, enough=None)]
             move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))

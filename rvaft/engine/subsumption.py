@@ -41,7 +41,8 @@ values exclude at most k of its values. A match is superfluous if each choice of
 excludes all kept matches excludes it too.
 
 **Times.** Of a difference of times (`core.times`), only the extremes of the known times on each
-side matter, and integers are exact. Below the watermark, greatest times are equivalent.
+side matter, and integers are exact. Below the watermark, greatest times are equivalent. Of a window
+over choices, the least and the greatest time so far are remembered.
 
 All other variables are compared for equality (`fingerprint`).
 """
@@ -53,6 +54,7 @@ from typing import Final, NamedTuple, assert_never
 
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.times import Extreme
+from rvaft.engine.compiled_tree import Register
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
@@ -70,6 +72,10 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
         return False
     if any(name not in before.binding for name in compiled.exported[node]):
         return False
+    if any(one.least in after.binding for one in compiled.registers[node]):
+        return False
+    if (after.unfit, after.broken) != (before.unfit, before.broken):
+        return False
     part = compiled.part_of[node]
     chosen = (
         firsts >> part & 1 > 0 and flags(after, part) == TOUCHED | DONE | SURE and before.inversions == after.inversions
@@ -81,12 +87,17 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
         return flags & SURE > 0 and not (flags & MORE and compiled.picks >> node & 1)
 
     def keeps(gate: int, child: int) -> bool:  # the event below the child loses nothing
-        siblings = compiled.children[gate]
+        siblings, slot = compiled.children[gate], compiled.slot[child]
+        if compiled.ends >> gate & 1 and (
+            not all(ends(elder, flags(before, elder)) for elder in siblings[:slot])
+            or any(flags(before, later) & TOUCHED for later in siblings[slot + 1 :])
+        ):
+            return False
         match compiled.ops[gate]:
             case PartKind.ALL | PartKind.EVENT | PartKind.CONDITION:
                 return True
             case PartKind.SEQUENCE:
-                return all(ends(elder, flags(before, elder)) for elder in siblings[: compiled.slot[child]])
+                return all(ends(elder, flags(before, elder)) for elder in siblings[:slot])
             case PartKind.ONE | PartKind.AT_LEAST as op:
                 able = sum(flags(before, sibling) & POSSIBLE > 0 for sibling in siblings)
                 if flags(before, child) & TOUCHED or able <= compiled.need[gate]:
@@ -223,7 +234,9 @@ MOST_EXCLUDED: Final = 9
 def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     """Return the ranking of a stage."""
     compiled, binding = matching.compiled, configuration.binding
-    fixed = {name for name in binding if matching.progress.mentioned(configuration, name)}
+    registers = [compiled.register_of[name] for name in binding if name in compiled.register_of]
+    rigid = [name for name in binding if name in compiled.mentions]
+    fixed = {name for name in rigid if matching.progress.mentioned(configuration, name)}
     terms: dict[Term, None] = {}
     differing: dict[Guard, list[str]] = {}
     above_watermark = True
@@ -253,6 +266,11 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
                 terms[Term(sign, Extreme(Operator.MAX, (name,)))] = None
             else:
                 fixed.add(name)
+    for register in registers:
+        both = _interval(register)
+        terms.update(dict.fromkeys(both))
+        if matching.early and register.node in compiled.windows and register.node not in compiled.members:
+            extents[both] = compiled.windows[register.node]
     for sign, extreme in [*terms]:
         if extreme.names[0] not in compiled.times and Term(-sign, extreme) in terms:
             fixed.update(extreme.names)
@@ -271,6 +289,12 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
             extent = Extent(rising.index(last), most)
             break
     return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(inequalities), above_watermark, extent)
+
+
+def _interval(register: Register) -> tuple[Term, Term]:
+    """Return the terms of a register: the earlier the greatest time and the later the least, the better."""
+    greatest, least = (Extreme(Operator.MAX, (name,)) for name in (register.greatest, register.least))
+    return Term(-1, greatest), Term(1, least)
 
 
 def _plain(extreme: Extreme) -> Extreme:

@@ -11,7 +11,8 @@ from typing import Any, Final
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft.engine import Engine
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.event_time import EventTime, TimeFormat
+from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
 from rvaft.model.nodes import Causality, EventType, Gate, Kind, Node, On
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
@@ -26,6 +27,12 @@ VALUES: Final = (0, 1, 2, "x")
 GUARDED: Final = (Operator.EQ, Operator.NE, Operator.LT, Operator.GE)
 
 
+COMPARED: Final = (Operator.LE, Operator.LT, Operator.GE, Operator.GT, Operator.EQ)
+SECOND: Final = 10**9
+CHOOSING: Final = (Gate.OR, Gate.OR, Gate.VOT, Gate.VOT, Gate.AND, Gate.AND, Gate.SAND, Gate.SAND_RL)
+ENDING: Final = (Gate.PAND, Gate.PAND, Gate.PAND, Gate.OR, Gate.VOT, Gate.VOT, Gate.AND, Gate.SAND)
+
+
 @dataclass(frozen=True, slots=True)
 class Dense:
     """What the trees have; probabilities between 0 and 1, and how often each gate is drawn."""
@@ -37,6 +44,10 @@ class Dense:
     variables: float = 0.0
     guards: float = 0.1
     gates: tuple[Gate, ...] = (Gate.OR, Gate.AND, Gate.SAND, Gate.SAND_RL, Gate.VOT, Gate.VOT, Gate.SAND)
+    windows: float | None = None
+    """The share of gates with a window; None for events without times."""
+    points: float = 0.0
+    """The share of nodes with a guard over time points."""
 
 
 def dense_tree(random: Random, shape: Dense) -> RVAFT:
@@ -55,7 +66,10 @@ def dense_tree(random: Random, shape: Dense) -> RVAFT:
         below = children.get(index, [])
         random.shuffle(below)
         nodes.append(_node(random, shape, name, tuple(names[child] for child in below), is_root=index == 0))
-    return RVAFT("n0", nodes, EVENTS, causality=random.choice(list(Causality)))
+    time = None
+    if shape.windows is not None:
+        time = EventTime(("t",), TimeFormat.SECONDS, random.choice((None, None, 0, SECOND, 3 * SECOND)))
+    return RVAFT("n0", nodes, EVENTS, causality=random.choice(list(Causality)), time=time)
 
 
 def _node(random: Random, shape: Dense, name: str, below: tuple[str, ...], *, is_root: bool) -> Node:
@@ -64,7 +78,20 @@ def _node(random: Random, shape: Dense, name: str, below: tuple[str, ...], *, is
     has_event = random.random() < shape.gate_events and not is_root if below else random.random() < 0.85
     when = _guard(random, shape) if random.random() < shape.guards or not (below or has_event) else None
     kind = random.choice((None, None, Kind.FAULT, Kind.ATTACK))
-    return Node(name, gate, below, threshold, _on(random, shape) if has_event else None, when, kind)
+    within = None
+    if below and shape.windows is not None and random.random() < shape.windows:
+        within = random.choice((0, 1, 1, 2, 2, 3, 5)) * SECOND
+    if random.random() < shape.points:
+        when = _time_guard(random, name, below, shape)
+    return Node(name, gate, below, threshold, _on(random, shape) if has_event else None, when, kind, within=within)
+
+
+def _time_guard(random: Random, name: str, below: tuple[str, ...], shape: Dense) -> Guard:
+    near = [name, *below, *below, *below]
+    names = [random.choice(near) if random.random() < 0.8 else f"n{random.randrange(shape.nodes)}" for _ in range(2)]
+    points = [TimePoint.of(random.choice(("at", "start", "end", "start", "end")), one) for one in names]
+    bound = Duration(random.randint(-1, 3) * SECOND)
+    return Operation(random.choice(COMPARED), (Operation(Operator.SUB, tuple(points)), bound))
 
 
 def _on(random: Random, shape: Dense) -> On:
@@ -82,11 +109,20 @@ def _guard(random: Random, shape: Dense) -> Guard:
     return Operation(random.choice(GUARDED), (left, right))
 
 
-def dense_trace(random: Random, shape: Dense, length: int) -> list[dict[str, Any]]:
-    """A trace over the letters of a shape; one of its events in twenty fits nothing."""
+def dense_trace(random: Random, shape: Dense, length: int, *, clock: int = 0) -> list[dict[str, Any]]:
+    """A trace over the letters of a shape; one of its events in twenty fits nothing.
+
+    Times sometimes go back, and sometimes lack.
+    """
     letters = [*(LETTERS[: shape.letters] * 7), "noise"]
-    values = random.sample(VALUES, 2)
-    return [{"l": random.choice(letters), "v": random.choice(values)} for _ in range(length)]
+    values, events = random.sample(VALUES, 2), list[dict[str, Any]]()
+    for _ in range(length):
+        event = {"l": random.choice(letters), "v": random.choice(values)}
+        if shape.windows is not None:
+            clock += random.choice((-2, -1, 0, 0, 1, 1, 1, 2))
+            event |= {"t": clock} if random.random() < 0.96 else {}
+        events.append(event)
+    return events
 
 
 SHAPES: Final = {
@@ -104,6 +140,15 @@ SHAPES: Final = {
         letters=2, variables=0.6, guards=0, gate_events=0.15, gates=(Gate.OR, Gate.OR, Gate.AND, Gate.AND, Gate.SAND)
     ),
     "shared variables": Dense(variables=0.6, guards=0.3, sharing=0.6, nodes=8),
+    "windows": Dense(windows=0.5, gates=CHOOSING),
+    "windows of few letters": Dense(windows=0.5, letters=2, nodes=8, guards=0, gates=CHOOSING),
+    "windows and values": Dense(windows=0.5, variables=0.6, guards=0.2, nodes=8, gates=CHOOSING),
+    "shared windows": Dense(windows=0.6, sharing=0.7, letters=4, nodes=8, gates=CHOOSING),
+    "heavily shared windows": Dense(windows=0.6, sharing=1.5, letters=4, nodes=8, gates=CHOOSING),
+    "ends": Dense(windows=0.1, nodes=8, letters=2, gates=ENDING),
+    "ends and values": Dense(windows=0.2, variables=0.5, nodes=8, gates=ENDING),
+    "shared ends": Dense(windows=0.1, sharing=0.6, nodes=8, gates=ENDING),
+    "time points": Dense(windows=0.2, points=0.3, nodes=8, gates=(*CHOOSING, Gate.PAND)),
 }
 
 
@@ -114,7 +159,9 @@ def living_trace(random: Random, tree: RVAFT, shape: str, semantics: str, length
     trace: list[dict[str, Any]] = []
     monitor = Engine(tree, semantics)
     while len(trace) < length and not monitor.verdict.final:
-        for event in dense_trace(random, SHAPES[shape], 6):
+        clock = max((event["t"] for event in trace if "t" in event), default=0)
+        for _ in range(6):
+            (event,) = dense_trace(random, SHAPES[shape], 1, clock=clock)
             ahead = monitor.fork()
             if ahead.step(event) is not Verdict.FALSE:
                 break

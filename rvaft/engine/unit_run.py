@@ -24,8 +24,11 @@ Match: TypeAlias = tuple[Any, ...]
 State: TypeAlias = list[Any]
 Remembered: TypeAlias = tuple[int, Any, int, Any]
 """An event that a branch may need: position, time, node and values."""
-CountedEvent: TypeAlias = tuple[int, Any, Match | None, Any]
-"""An event of a counted leaf: position, time, the match of the sequence before it, and values."""
+CountedEvent: TypeAlias = tuple[int, Any, Any, Any]
+"""An event of a counted leaf: position, time, the match of the sequence before it, and values.
+
+If times may decrease, the third value is another one (see `UnorderedRun`).
+"""
 
 
 Complete: TypeAlias = Callable[[State, Match, Any], Match | None]

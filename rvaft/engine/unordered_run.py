@@ -55,7 +55,7 @@ class UnorderedRun(UnitRun):
         if self.unit.settled[node] and self.is_over(state, node):
             return None
         if leaf.number > 1:
-            matches = self._count(state, leaf, (position, time, None, values))
+            matches = self._count(state, leaf, (position, time, 0, values))
         else:
             matches = [(position, time, (node, position, values), time, position)]
         return self._rise(state, node, matches)
@@ -79,7 +79,10 @@ class UnorderedRun(UnitRun):
         return [one for one in events if time - window <= one[1] <= time + window]
 
     def _count(self, state: State, leaf: Leaf, event: CountedEvent) -> list[Match]:
-        """Add an event to those of a counted leaf, by time; return the matches with it."""
+        """Add an event to those of a counted leaf, by time; return the matches with it.
+
+        The third value of an event is the number of events to the last one that came in turn.
+        """
         count, (container, name) = leaf.number, self.place_of(state, leaf, event[3])
         events: list[CountedEvent] = (container.get(name) if leaf.own else container[name]) or []
         limit, time = self.unit.limits[leaf.node], event[1]
@@ -95,20 +98,31 @@ class UnorderedRun(UnitRun):
             place = len(events)
         if events and time < events[-1][1]:
             place = bisect_right(events, time, key=_time)
-            events = [*events[:place], event, *events[place:]]  # matches keep the list that they refer to
+            last = (*events[-1][:2], 0, events[-1][3])
+            events = [*events[:place], event, *events[place:-1], last]  # matches keep the list that they refer to
         else:
-            events.append(event)
+            in_turn = events[-1][2] + 1 if events else 1
+            events.append((event[0], time, in_turn, event[3]))
+            if in_turn >= count and len(events) >= count:
+                first = events[-count]
+                container[name] = events
+                match = (first[0], first[1], (leaf.node, events, len(events)), time, event[0])
+                return [match] if time - first[1] <= limit else []
         container[name] = events
         if not self._inside[leaf.node]:
             return self._windows(leaf, events, place, event[0])
         found, left = list[Match](), events
-        while True:  # the later the first position has to be, the fewer events there are
-            new = self._windows(leaf, left, place if left is events else left.index(event), event[0])
-            found += [(min(one[0] for one in _events(match, count)), *match[1:]) for match in new]
-            if not new or (place == len(events) - 1 and _in_turn(events[-count:])):
+        while place >= 0:  # the later the first position has to be, the fewer events there are
+            firsts = [
+                (match, min(one[0] for one in _events(match, count)))
+                for match in self._windows(leaf, left, place, event[0])
+            ]
+            if not firsts:
                 break
-            least = min(one[0] for match in new for one in _events(match, count))
+            found += [(first, *match[1:]) for match, first in firsts]
+            least = min(first for _, first in firsts)
             left = [one for one in left if one[0] > least]
+            place = next((at for at, one in enumerate(left) if one[0] == event[0]), -1)
         return _best(found, first=True)
 
     def _windows(self, leaf: Leaf, events: list[CountedEvent], place: int, position: int) -> list[Match]:
@@ -169,9 +183,13 @@ class UnorderedRun(UnitRun):
                 matches = self._joined(pairs, gate, before=False)
             return matches
         if len(matches) == 1 and not self._inside[gate] and all(front[-1][3] <= matches[0][3] for front in fronts):
-            for other in nlargest(need, [front[-1] for front in fronts], key=_time):
-                matches = self._joined([(other, one) for one in matches], gate, before=False)
-            return matches
+            (match,) = matches
+            partners = nlargest(need, [front[-1] for front in fronts], key=_time)
+            least = min([match[1], *[one[1] for one in partners]])
+            if match[3] - least > limit:
+                return []
+            first = min([match[0], *[one[0] for one in partners]])
+            return [(first, least, (*match[2], *[one[2] for one in partners]), match[3], match[4])]
         chosen: list[list[Match]] = [matches, *([] for _ in range(need))]
         for front in fronts:
             for number in range(need, 0, -1):
@@ -312,10 +330,6 @@ def _end(match: Match) -> Any:
 def _events(match: Match, count: int) -> list[CountedEvent]:
     _, events, end = match[2]
     return list(events[end - count : end])
-
-
-def _in_turn(events: Sequence[CountedEvent]) -> bool:
-    return all(one[0] < other[0] for one, other in pairwise(events))
 
 
 def _best(matches: Sequence[Match], *, first: bool) -> list[Match]:

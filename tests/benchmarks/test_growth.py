@@ -15,6 +15,7 @@ import pytest
 import rvaft
 from rvaft import Verdict
 from rvaft.engine import Engine
+from rvaft.errors import TooLarge
 
 pytestmark = pytest.mark.benchmark
 
@@ -114,14 +115,106 @@ LATE: Final = {
 @pytest.mark.parametrize("name", LATE)
 def test_with_late_what_is_followed_is_bounded(name: str) -> None:
     """By what a window and the lateness hold; without `late` any event may still come."""
-    sizes = {}
-    for late in ("", " late 2 s"):
-        monitor = Engine(rvaft.loads(f"time t as s{late}; {TYPES}{LATE[name]}{NEVER}"), "scattered")
+
+    def followed(late: str, limit: int) -> None:
+        text = f"time t as s{late}; {TYPES}{LATE[name]}{NEVER}"
+        monitor = Engine(rvaft.loads(text), "scattered", limit=limit)
         for number in range(2_000):
             monitor.step({"n": "a", "v": number, "w": number, "t": number})
-        sizes[late] = len(monitor._strategy.partial)  # type: ignore[union-attr]
-    assert sizes[" late 2 s"] < 60
-    assert sizes[""] > 1_000
+
+    followed(" late 2 s", 120)
+    with pytest.raises(TooLarge):
+        followed("", 1_000)
+
+
+def pairs(count: int, event: str) -> str:
+    """Choices of two leaves each, all of them in an hour."""
+    names = [f"o{number}" for number in range(count)]
+    leaves = " ".join(
+        f"o{i} or p{i} q{i}; p{i} on {event.format(f'p{i}')}; q{i} on {event.format(f'q{i}')};" for i in range(count)
+    )
+    return f"top and {' '.join(names)} never within 1 h; {leaves}"
+
+
+def few_of_many(gate: str, count: int, event: str) -> str:
+    """One gate over leaves in a window within which all of them come, beside a second window."""
+    leaves = " ".join(f"p{i} on {event.format(f'p{i}')};" for i in range(count))
+    names = " ".join(f"p{i}" for i in range(count))
+    both = f"z on {event.format('z')}; w on {event.format('w')};"
+    return f"top and x never; x {gate} {names} y within 1 min; y and z w within 50 s; {leaves} {both}"
+
+
+def some_users(number: int) -> dict[str, Any]:
+    """A first event of each user, and then those that are counted."""
+    return {"n": "ba"[number > 20], "v": number % 7, "w": 0, "t": number}
+
+
+def some_pairs(count: int) -> Log:
+    return lambda number: {
+        "n": "pq"[number * 7 % 3 % 2] + str(number * 5 % count),
+        "v": number % 7,
+        "w": 0,
+        "t": number,
+    }
+
+
+def all_leaves(count: int) -> Log:
+    return lambda number: {
+        "n": ("z" if number % (2 * count) else "w") if number % count == 0 else f"p{number % count}",
+        "v": number % 7,
+        "w": 0,
+        "t": number * 70 // count,
+    }
+
+
+ONE, USER = 'e("{}", _)', 'e("{}", U)'
+NATURAL: Final[dict[str, Callable[[int], tuple[str, Log]]]] = {
+    "and of K pairs": lambda k: (pairs(k, ONE), some_pairs(k)),
+    "and of K pairs, one user": lambda k: (pairs(k, USER), some_pairs(k)),
+    "and of K leaves": lambda k: (few_of_many("and", k, ONE), all_leaves(k)),
+    "and of K leaves, one user": lambda k: (few_of_many("and", k, USER), all_leaves(k)),
+    "third of K leaves": lambda k: (few_of_many(f"{k // 3 + 1}of{k + 1}", k, ONE), all_leaves(k)),
+}
+COUNTS: Final = {
+    "times N in a window": 'top and a never within 1 h; a on e("a", U) times {};',
+    "times N": 'top and a never; a on e("a", U) times {};',
+    "an event, then times N": 'top sand b a never within 1 h; b on e("b", U); a on e("a", U) times {};',
+}
+
+
+@pytest.mark.parametrize("late", ["", " late 0 s"])
+def test_choices_and_counts_in_windows_cost_what_comes(late: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """What an event costs with 5, 10, 20 and 40 choices or children, and with counts of 5, 50 and 500."""
+
+    def cost(text: str, log: Log, begin: int = 2_000) -> float:
+        never = NEVER.replace("_);", "U);") if "U)" in text else NEVER
+        monitor = Engine(rvaft.loads(f"time t as s{late}; {TYPES}{text}{never}"), "scattered")
+        for number in range(begin):
+            monitor.step(log(number))
+        batches = [[log(begin + 100 * batch + number) for number in range(100)] for batch in range(12)]
+        times = []
+        for batch in batches:
+            start = time.process_time()
+            for event in batch:
+                monitor.step(event)
+            times.append((time.process_time() - start) / len(batch))
+        assert monitor.verdict is Verdict.UNKNOWN
+        return min(times)
+
+    rows, failures = list[str](), list[str]()
+    for name, tree in NATURAL.items():
+        found = [cost(*tree(count)) for count in (5, 10, 20, 40)]
+        rows.append(f"{name:30} {'  '.join(f'{one * 1e6:8.1f}' for one in found)} µs with 5, 10, 20, 40")
+        if found[3] > 8 * found[0] + 10e-6 or found[2] > 50e-6:
+            failures.append(name)
+    for name, text in COUNTS.items():
+        found = [cost(text.format(count), some_users, 8_000) for count in (5, 50, 500)]
+        rows.append(f"{name:30} {'  '.join(f'{one * 1e6:8.1f}' for one in found)} µs with 5, 50, 500")
+        if found[2] > 2 * found[0] + 2e-6:
+            failures.append(name)
+    with capsys.disabled():
+        sys.stdout.write("\n" + "\n".join(rows) + "\n")
+    assert not failures
 
 
 SHARED: Final = {

@@ -144,6 +144,35 @@ def test_counts_in_a_window_are_those_of_the_times() -> None:
             assert detections > 3, (count, late)
 
 
+@pytest.mark.parametrize("late", ["", "late 0 s", "late 60 s"])
+@pytest.mark.parametrize("count", [3, 20])
+def test_an_event_and_then_a_count_in_a_window(count: int, late: str) -> None:
+    """The positions of the counted events matter, too, where times decrease."""
+    random = Random(f"{count} {late}")
+    text = f"time t as s {late}; top sand b a within 100 s; a times {count};"
+    engine, came = Engine(rvaft.loads(text), "scattered"), list[tuple[str, float, int]]()
+    detections, now = 0, 0.0
+    for number in range(4_000):
+        now += random.random() * 150 / count
+        time = round(now - (0 if late == "late 0 s" else random.choice((0, 0, 0, 20, 50))), 3)
+        letter = "b" if random.random() < 1 / count else "a"
+        came = [one for one in came if abs(one[1] - time) <= 300]
+        came.append((letter, time, number))
+        expected = letter == "a" and any(
+            max(last, begin) - min(first, begin) <= 100
+            for other, begin, place in came
+            if other == "b" and abs(begin - time) <= 100
+            for times in [sorted(one[1] for one in came if one[0] == "a" and one[2] > place)]
+            for first, last in zip(times, times[count - 1 :], strict=False)
+        )
+        verdict = engine.step({"event": letter, "t": time})
+        assert (verdict is Verdict.TRUE) is expected, number
+        if expected:
+            detections += 1
+            engine, came = Engine(engine.tree, "scattered"), []
+    assert detections > 5
+
+
 def test_a_window_over_many_choices() -> None:
     """The lowest branch of 2^25."""
     names = [f"o{number}" for number in range(25)]

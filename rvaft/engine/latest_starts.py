@@ -21,7 +21,7 @@ from copy import copy
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.property import Property
-from rvaft.engine.compiled_tree import NOTHING, Admission, EventClass, Occurrences, Reading, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, Admission, EventClass, Inert, Occurrences, Reading, TreeLetters
 from rvaft.engine.explanation import (
     Choices,
     FoundMatch,
@@ -33,7 +33,7 @@ from rvaft.engine.explanation import (
     pending,
 )
 from rvaft.engine.strategy import Strategy
-from rvaft.engine.unit_run import Match, OrderedRun, State, Take, UnitRun, copied, plain_key
+from rvaft.engine.unit_run import HEAD, Match, OrderedRun, State, Take, UnitRun, copied, plain_key
 from rvaft.engine.units import Leaf, Unit
 from rvaft.engine.unordered_run import UnorderedRun
 from rvaft.errors import TooLarge
@@ -88,6 +88,7 @@ class Detected(NamedTuple):
 class LatestStarts(Strategy):
     """The instances of the units of a tree; raises `TooLarge` beyond `INSTANCES` times `limit` of them."""
 
+    joins = True
     letters: TreeLetters
 
     def __init__(self, prop: Property, found: Sequence[Unit], *, limit: int) -> None:
@@ -115,6 +116,16 @@ class LatestStarts(Strategy):
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
         """Return the event with its class if it may serve a leaf."""
         return _new(Reading, (False, (event, event_class))) if event_class.serving else NOTHING
+
+    def inert(self, event_class: EventClass) -> Inert | None:
+        """Return that no event of a class changes anything if each needs one that has not come."""
+        for unit, leaf, *_ in self._served.get(event_class) or self._serving(event_class):
+            instances = self._instances[unit]
+            if leaf.after < 0 or (instances and self.runs[unit].unit.key):
+                return None
+            if instances and instances[()][HEAD + leaf.after] is not None:
+                return None
+        return Inert((), frozenset())
 
     def _serving(self, event_class: EventClass) -> tuple[Served, ...]:
         if len(self._served) >= MEMORY:
@@ -165,6 +176,7 @@ class LatestStarts(Strategy):
                         continue
                     state = self._begun(unit, name)
                 self.noted = True
+                self.runs[unit].watermark = self._watermark
                 match = take(state, position, time, values)
                 self._added += 1
                 if match is not None:
@@ -228,8 +240,6 @@ class LatestStarts(Strategy):
     def forget(self, watermark: int) -> None:
         """Set the watermark, the minimum time of later events."""
         self._watermark = watermark
-        for run in self.runs:
-            run.watermark = watermark
 
     def _copied(self) -> list[dict[Name, State]]:
         return [{name: copied(state) for name, state in instances.items()} for instances in self._instances]
@@ -259,8 +269,6 @@ class LatestStarts(Strategy):
         self._instances = [*instances]
         self._instances = self._copied()
         self._detected = [Detected(*one) for one in detected]
-        for run in self.runs:
-            run.watermark = self._watermark
         self._sweep_at = [2 * len(one) + SWEEP for one in instances]
 
     def explain(self) -> Explanation:
@@ -337,6 +345,7 @@ class _Search(MatchSearch):
         """Iterate over the awaited nodes under these choices, by the values of the key."""
         for number, name, state in self._strategy.living:
             run = self._strategy.runs[number]
+            run.watermark = self._strategy.watermark
             without = _without(run.unit, choices or {})
             if without is not None:
                 own = run.again(state[1] or (), without)[0] if without else state

@@ -119,7 +119,7 @@ def test_with_late_what_is_followed_is_bounded(name: str) -> None:
         monitor = Engine(rvaft.loads(f"time t as s{late}; {TYPES}{LATE[name]}{NEVER}"), "scattered")
         for number in range(2_000):
             monitor.step({"n": "a", "v": number, "w": number, "t": number})
-        sizes[late] = len(monitor._strategy.partial)  # type: ignore[union-attr]
+        sizes[late] = len(monitor._strategy.partial)  # type: ignore[attr-defined]
     assert sizes[" late 2 s"] < 60
     assert sizes[""] > 1_000
 

@@ -191,7 +191,7 @@ def test_how_many_are_followed(name: str) -> None:
             "t": number,
         }
         assert monitor.step(event) is Verdict.UNKNOWN
-    assert len(monitor._strategy.partial) <= most  # type: ignore[union-attr]
+    assert len(monitor._strategy.partial) <= most  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize("last", ["or x", "or x y"])

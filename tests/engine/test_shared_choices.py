@@ -65,7 +65,7 @@ def test_partial_matches_that_come_to_the_same_are_one(gate: str) -> None:
     for number in range(count):
         for child in "ba":
             assert monitor.step({"n": f"{child}{number}", "v": 1}) is Verdict.UNKNOWN or number == count - 1
-            assert len(monitor._strategy.partial) <= 2 * count + 2  # type: ignore[union-attr]
+            assert len(monitor._strategy.partial) <= 2 * count + 2  # type: ignore[attr-defined]
     assert monitor.explanation is not None
     assert monitor.explanation.branch == (1 << count - 1) + 1
     assert [one.node[0] for one in monitor.explanation.matched] == [*"aaaaab"]

@@ -1,6 +1,6 @@
 """Coverage of the branches of a tree by several logs."""
 
-from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -22,6 +22,7 @@ from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import awaited
 from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.engine.selection import measured_strategy
+from rvaft.engine.strategy import Progress
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import holds
 from rvaft.model.nodes import Kind
@@ -45,6 +46,42 @@ Kept: TypeAlias = Mapping[int, tuple[int, ...]]
 """The nodes of a scenario, each with its kept children."""
 
 
+class Way(NamedTuple):
+    """A way to keep the children below a node, with the number of missing events."""
+
+    lacking: int
+    node: int
+    below: tuple["Way", ...]
+
+    def kept(self) -> Kept:
+        """Return the kept children of each node."""
+        found: dict[int, tuple[int, ...]] = {}
+        agenda = [self]
+        while agenda:
+            _, node, below = agenda.pop()
+            found[node] = tuple(one.node for one in below)
+            agenda += below
+        return found
+
+
+class Ways(NamedTuple):
+    """The cheapest way, and the cheapest with a missing event."""
+
+    least: Way | None
+    more: Way | None
+
+    @classmethod
+    def of(cls, ways: Iterable[Way]) -> "Ways":
+        """Return the cheapest of these ways, the first of several."""
+        found = list(ways)
+        missing = (one for one in found if one.lacking)
+        return cls(min(found, key=_lacking, default=None), min(missing, key=_lacking, default=None))
+
+
+def _lacking(way: Way) -> int:
+    return way.lacking
+
+
 class LackingEvents:
     """The minimum number of missing events of a partial match, over the feasible scenarios of a
     branch.
@@ -57,15 +94,13 @@ class LackingEvents:
         self._compiled = compiled
         self._occurrences = frozenset(node for node, own in enumerate(compiled.own) if own)
 
-    def fewest(
-        self, taken: Mapping[int, int], dead: Collection[int] = (), *, exact: bool = True
-    ) -> tuple[int, Collection[int]]:
+    def fewest(self, progress: Progress) -> tuple[int, Collection[int]]:
         """Return the minimum number of missing events, and the nodes of such a scenario.
 
-        `taken` maps each taken node to the position of its event; the guards of `dead` nodes
-        failed. If `exact`, the scenario contains all of `taken`, and must exist. Raises `TooLarge`.
+        If the progress is `exact`, the scenario contains all nodes taken, and must exist. Raises
+        `TooLarge`.
         """
-        compiled = self._compiled
+        compiled, taken, exact = self._compiled, progress.taken, progress.exact
         if not compiled.chooses:
             return len(self._occurrences) - len(taken), range(len(compiled.names))
         below = [node for node in reversed(range(len(compiled.names))) if node not in compiled.members]
@@ -73,9 +108,9 @@ class LackingEvents:
         for node in below:
             if exact and (node in taken or not forced.isdisjoint(compiled.children[node])):
                 forced.add(node)
-        parts = self._cheapest(below, dead, taken, forced)
+        ways = self._cheapest(below, progress, forced)
         best: tuple[int, Collection[int]] | None = None
-        for kept in self._resolutions(parts, forced, dead):
+        for kept in self._resolutions(ways, forced, progress):
             lacking = len(self._occurrences & kept.keys() - taken.keys())
             fits = (best is None or lacking < best[0]) and (not exact or taken.keys() <= kept.keys())
             if fits and (not compiled.core or self._keeps_order(kept, taken)):
@@ -83,29 +118,61 @@ class LackingEvents:
         assert best is not None, "a partial match is part of a feasible scenario"
         return best
 
-    def _cheapest(
-        self, nodes: Iterable[int], dead: Collection[int], taken: Collection[int], forced: Collection[int]
-    ) -> dict[int, tuple[int, tuple[int, ...]]]:
-        """Return the minimum of missing events and the kept children per possible node, children
-        first.
-        """
-        found: dict[int, tuple[int, tuple[int, ...]]] = {}
+    def _cheapest(self, nodes: Iterable[int], progress: Progress, forced: Collection[int]) -> dict[int, Ways]:
+        """Return the cheapest ways of each possible node, children first."""
+        found: dict[int, Ways] = {}
         for node in nodes:
-            children, need = self._compiled.children[node], self._compiled.need[node]
-            able = [child for child in children if child in found]
-            must = {child for child in children if child in forced}
-            if node in dead or len(able) < need or not must.issubset(able):
+            if node in progress.dead:
                 continue
-            rest = sorted((child for child in able if child not in must), key=lambda child: found[child][0])
-            chosen = must.union(rest[: max(need - len(must), 0)])
-            kept = tuple(child for child in children if child in chosen)
-            own = node in self._occurrences and node not in taken
-            found[node] = own + sum(found[child][0] for child in kept), kept
+            own = int(node in self._occurrences and node not in progress.taken)
+            kept = self._kept_ways(node, found, forced)
+            ways = Ways.of(Way(own + sum(map(_lacking, below)), node, below) for below in kept)
+            if node in progress.unfit:
+                ways = Ways(ways.more, ways.more)
+            if ways.least is not None:
+                found[node] = ways
         return found
 
-    def _resolutions(
-        self, parts: Mapping[int, tuple[int, tuple[int, ...]]], forced: Collection[int], dead: Collection[int]
-    ) -> Iterator[Kept]:
+    def _kept_ways(self, node: int, found: Mapping[int, Ways], forced: Collection[int]) -> Iterator[tuple[Way, ...]]:
+        """Iterate over ways to keep children, with the cheapest and the cheapest with a missing event."""
+        children, need = self._compiled.children[node], self._compiled.need[node]
+        least = {child: found[child].least for child in children if child in found}
+        able = {child: way for child, way in least.items() if way is not None}
+        must = [child for child in children if child in forced]
+        if len(able) < need or not able.keys() >= {*must}:
+            return
+        if self._compiled.ends >> node & 1:
+            yield from self._ended_ways([found[child] for child in children], [child in must for child in children])
+            return
+        rest = sorted((child for child in able if child not in must), key=lambda child: able[child].lacking)
+        count = max(need - len(must), 0)
+        chosen = {*must, *rest[:count]}
+
+        def made(changed: Mapping[int, Way], without: Collection[int] = ()) -> tuple[Way, ...]:
+            ways = {**{child: able[child] for child in chosen if child not in without}, **changed}
+            return tuple(ways[child] for child in children if child in ways)
+
+        yield made({})
+        most = 1 if self._compiled.ops[node] is PartKind.ONE else len(children)
+        for child in able:
+            more = found[child].more
+            if more is None:
+                continue
+            if child in chosen or len(chosen) < most:
+                yield made({child: more})
+            if child not in chosen and count:
+                yield made({child: more}, without=[rest[count - 1]])
+
+    def _ended_ways(self, ways: Sequence[Ways], touched: Sequence[bool]) -> Iterator[tuple[Way, ...]]:
+        """Iterate over ways of children that end in order: once an event is missing, the later ones lack some too."""
+        for place in range(len(ways) + 1):
+            before = [one.least for one in ways[:place] if one.least is not None and not one.least.lacking]
+            later = zip(ways[place:], touched[place:], strict=True)
+            after = [way for one, has in later if (way := one.more if has else one.least) is not None]
+            if len(before) + len(after) == len(ways):
+                yield (*before, *after)
+
+    def _resolutions(self, ways: Mapping[int, Ways], forced: Collection[int], progress: Progress) -> Iterator[Kept]:
         """Iterate over scenarios: every choice in the core, the cheapest below it."""
         compiled = self._compiled
         agenda: list[tuple[dict[int, tuple[int, ...]], tuple[int, ...]]] = [({}, (compiled.root,))]
@@ -113,14 +180,14 @@ class LackingEvents:
         while agenda:
             kept, reached = agenda.pop()
             waiting = next((node for node in reached if node in compiled.members and node not in kept), None)
-            if waiting is not None and waiting in dead:
+            if waiting is not None and waiting in progress.dead:
                 continue
             if waiting is not None:
                 children = compiled.children[waiting]
-                able = [child for child in children if child in compiled.members or child in parts]
+                able = [child for child in children if child in compiled.members or child in ways]
                 sizes = range(compiled.need[waiting], len(able) + 1)
-                ways = chain.from_iterable(combinations(able, size) for size in sizes)
-                possible = (way for way in ways if all(child in way for child in children if child in forced))
+                some = chain.from_iterable(combinations(able, size) for size in sizes)
+                possible = (way for way in some if all(child in way for child in children if child in forced))
                 agenda.extend(({**kept, waiting: way}, (*reached, *way)) for way in possible)
                 continue
             tried += 1
@@ -129,14 +196,30 @@ class LackingEvents:
                 what = f"ways to keep children of {', '.join([*gates][:10])}, which share nodes"
                 remedy = "choose a branch without them with --branch N, or prune the tree"
                 raise TooLarge(what, limit=_WAYS, remedy=remedy)
-            todo = [node for node in reached if node not in compiled.members]
-            if all(node in parts for node in todo):
-                whole = dict(kept)
-                while todo:
-                    node = todo.pop()
-                    whole[node] = parts[node][1]
-                    todo += whole[node]
-                yield whole
+            parts = [node for node in dict.fromkeys(reached) if node not in compiled.members]
+            if all(node in ways for node in parts):
+                yield from self._completed(kept, parts, ways, progress)
+
+    def _completed(
+        self, kept: Kept, parts: Sequence[int], ways: Mapping[int, Ways], progress: Progress
+    ) -> Iterator[Kept]:
+        """Iterate over the ways of the parts of a resolution in which broken windows lack an event."""
+        below: dict[int, set[int]] = {}
+        for node in sorted(kept, reverse=True):
+            below[node] = {node, *kept[node]}.union(*(below[child] for child in kept[node] if child in below))
+        broken = {
+            window: below[window]
+            for window, one, other in progress.broken
+            if window in kept and {one, other} <= below[window]
+        }
+        core = [node for node in kept if node in self._occurrences and node not in progress.taken]
+        for count in range(len(broken) + 1):
+            for some in combinations([node for node in parts if ways[node].more is not None], count):
+                chosen = [ways[node].more if node in some else ways[node].least for node in parts]
+                made = [way for way in chosen if way is not None]
+                lacking = {*core, *(way.node for way in made if way.lacking)}
+                if all(not lacking.isdisjoint(inside) for inside in broken.values()):
+                    yield {**kept, **{node: children for way in made for node, children in way.kept().items()}}
 
     def _keeps_order(self, kept: Kept, taken: Mapping[int, int]) -> bool:
         """Whether a scenario is feasible and orders `taken` before all missing events."""
@@ -184,7 +267,7 @@ class BranchFollower:
         self._tree, self._semantics = prop.tree, semantics
         self._strategy = measured_strategy(_followed(prop), semantics, limit=limit)
         self._shortest = LackingEvents(self._strategy.compiled)
-        self._lacking, self._last = self._shortest.fewest({})[0], 0
+        self._lacking, self._last = self._shortest.fewest(Progress({}))[0], 0
         self._best: dict[Hashable, Callable[[], Collection[str]]] = {}
         """The functions that return the awaited nodes of the best partial matches."""
         self._look()
@@ -218,14 +301,14 @@ class BranchFollower:
 
     def _look(self) -> None:
         for progress in self._strategy.progress():
-            taken, dead = progress.taken, progress.dead
-            lacking, nodes = self._shortest.fewest(taken, dead, exact=progress.exact)
-            last = max((position for node, position in taken.items() if node in nodes), default=0)
+            lacking, nodes = self._shortest.fewest(progress)
+            last = max((position for node, position in progress.taken.items() if node in nodes), default=0)
             if (lacking, last) < (self._lacking, self._last):
                 self._lacking, self._last = lacking, last
                 self._best.clear()
             if (lacking, last) == (self._lacking, self._last):
-                self._best[(*taken.items(), *dead)] = partial(progress.awaited, nodes)
+                place = (*progress.taken.items(), *progress.dead, *progress.unfit)
+                self._best[place] = partial(progress.awaited, nodes)
 
 
 def _followed(prop: Property) -> Property:

@@ -114,7 +114,9 @@ class Following(Measured):
             alike.setdefault(match.place, match)
         for match in alike.values():
             taken = {step.node: step.position for step in history(match.witness)}
-            yield Progress(taken, (*bits(match.dead),), exact=True, awaited=partial(self._awaited, match.witness))
+            unfit = (*bits(match.unfit | match.owing),)
+            awaited = partial(self._awaited, match.witness)
+            yield Progress(taken, (*bits(match.dead),), unfit, match.broken, awaited=awaited)
 
     def _awaited(self, last: Witness | None, _: Collection[int]) -> frozenset[str]:
         match = self.matching.replayed((step.node, step.values, step.position) for step in history(last))

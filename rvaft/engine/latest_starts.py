@@ -174,7 +174,7 @@ class LatestStarts(Strategy):
                 if state is None:
                     if not begins:
                         continue
-                    state = self._begun(unit, name)
+                    state = self._begun(unit, name, values)
                 self.noted = True
                 self.runs[unit].watermark = self._watermark
                 match = take(state, position, time, values)
@@ -189,9 +189,13 @@ class LatestStarts(Strategy):
         self._detected = found
         return Verdict.TRUE
 
-    def _begun(self, unit: int, name: Name) -> State:
+    def _begun(self, unit: int, name: Name, values: Mapping[str, Json] | None) -> State:
         """Return a new instance; one of an undefined value is not kept."""
-        instances, state = self._instances[unit], self.runs[unit].start()
+        run, instances = self.runs[unit], self._instances[unit]
+        state = run.start()
+        key = run.unit.key
+        if values is not None and key and not all(type(values[one]) is str or type(values[one]) is int for one in key):
+            state[2] = {one: values[one] for one in key}
         if name is not None:
             if len(instances) >= self._sweep_at[unit]:
                 self._sweep(unit)
@@ -321,7 +325,7 @@ class _Search(MatchSearch):
             if without:
                 _, found = run.again(run.concerning(state), without)
             if found is not None:
-                names = _values(run.unit, name)
+                names = _values(run.unit, name, state)
                 return self._found(run, run.steps(found, names))
         return None
 
@@ -349,8 +353,8 @@ class _Search(MatchSearch):
             without = _without(run.unit, choices or {})
             if without is not None:
                 own = run.again(state[1] or (), without)[0] if without else state
-                names = {*run.awaits(own, without)}
-                yield names, _values(run.unit, name)
+                names = {*run.awaits(own, without, begun=name is not None and bool(run.unit.key))}
+                yield names, _values(run.unit, name, state)
 
     def is_possible(self, gate: str, child: str) -> bool:
         """Return False if no match can keep this child of a choice."""
@@ -365,10 +369,10 @@ class _Search(MatchSearch):
         return False
 
 
-def _values(unit: Unit, name: Name) -> dict[str, Json]:
-    """Return the values of the key of an instance; none if they are undefined."""
-    if name is None:
-        return {}
+def _values(unit: Unit, name: Name, state: State) -> Mapping[str, Json]:
+    """Return the values of the key of an instance; none if they are undefined, or for a new one."""
+    if name is None or state[2] is not None:
+        return state[2] or {}
     values = (name,) if len(unit.key) == 1 else name
     assert isinstance(values, tuple), "one value for each variable"
     return dict(zip(unit.key, values, strict=True))

@@ -11,7 +11,7 @@ from rvaft.engine.configuration import DONE, MORE, SURE, Configuration, PartProg
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.model.guards import Predicate
 from rvaft.model.values import Json, equal
-from rvaft.support.bits import bits
+from rvaft.support.bits import bits, mask_of
 
 REMEMBERED: Final = 10_000
 """Maximum number of partial matches that a replay remembers."""
@@ -224,8 +224,11 @@ class Matching:
         """Whether a node's event could come next, for some values."""
         if configuration.taken >> node & 1:
             return False
+        if configuration.unfit:  # an event below a window may come, even if it completes the window
+            above = mask_of(one.node for one in self.compiled.registers[node])
+            configuration = replace(configuration.copy(), unfit=configuration.unfit & ~above)
         new = self._taken(configuration, node)
-        return new is not None and (not self.compiled.core or self.shared.possible(new))
+        return new is not None and (not self.compiled.core or self.shared.possible(new, node))
 
     def admitted(self, configuration: Configuration) -> frozenset[str]:
         """Return the nodes whose event could come next."""

@@ -456,7 +456,7 @@ class LinearMonitor(Measured):
     def progress(self) -> Iterable[Progress]:
         """Return the progress of the run; the best match may omit some events taken."""
         fired = {node: position for node, (position, _) in self.run.fired.items()}
-        return (Progress(fired, (), exact=False, awaited=self._awaited),)
+        return (Progress(fired, exact=False, awaited=self._awaited),)
 
     def _awaited(self, kept: Collection[int]) -> list[str]:
         run = LinearRun(self.compiled, self.starts)

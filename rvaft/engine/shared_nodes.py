@@ -61,9 +61,13 @@ class SharedNodes:
             found = self._memory[key] = (complete, partial)
         return found
 
-    def possible(self, configuration: Configuration) -> bool:
-        """Whether the occurrences are part of a scenario; open guards are ignored."""
-        return next(self.resolutions(configuration, complete=False), None) is not None
+    def possible(self, configuration: Configuration, node: int) -> bool:
+        """Whether the occurrences are part of a scenario.
+
+        Open guards are ignored, and the windows above a node, as if its event had yet to come.
+        """
+        fresh = 1 << self.compiled.part_of[node]
+        return next(self.resolutions(configuration, complete=False, fresh=fresh), None) is not None
 
     def inverted(self, configuration: Configuration, node: int) -> frozenset[tuple[int, int]]:
         """Return the orders that a node's event breaks."""
@@ -184,7 +188,7 @@ class SharedNodes:
         return tuple(relations)
 
     def _spans(
-        self, configuration: Configuration, kept: Resolution, ahead: int, *, complete: bool, resolved: bool
+        self, configuration: Configuration, kept: Resolution, ahead: int, *, complete: bool, resolved: bool, fresh: int
     ) -> Hashable | None:
         """Return the relevant state of the windows of a resolution, or None if one fails.
 
@@ -204,7 +208,8 @@ class SharedNodes:
             if broken and (complete or self.early):
                 return None
             inside = below[window]
-            goes_on = not complete and self._goes_on(configuration, kept, inside, present, finished)
+            remains = inside & fresh > 0 or self._goes_on(configuration, kept, inside, present, finished)
+            goes_on = not complete and remains
             if resolved and (broken or not inside & present) and not goes_on:
                 return None
             far = mask_of(one for _, *pair in apart for one in pair)
@@ -251,11 +256,12 @@ class SharedNodes:
             for window in self.compiled.over_core
         )
 
-    def resolutions(self, configuration: Configuration, *, complete: bool) -> Iterator[Resolution]:
+    def resolutions(self, configuration: Configuration, *, complete: bool, fresh: int = 0) -> Iterator[Resolution]:
         """Iterate over resolutions with a feasible scenario in which the occurrences taken are
         downward closed.
 
-        At least one is returned if any exists. If `complete`, no occurrence remains.
+        At least one is returned if any exists. If `complete`, no occurrence remains. An occurrence of the
+        elements `fresh` counts as remaining.
         """
         compiled, core = self.compiled, self.compiled.core
         able = self._able(configuration, complete=complete)
@@ -297,7 +303,8 @@ class SharedNodes:
             outlook = self._outlook(configuration, kept, touched, ahead)
             if outlook is None:
                 continue
-            spans = self._spans(configuration, kept, ahead, complete=complete, resolved=place == len(core))
+            resolved = place == len(core)
+            spans = self._spans(configuration, kept, ahead, complete=complete, resolved=resolved, fresh=fresh)
             if spans is None or (place, ahead, outlook, spans) in seen:
                 continue
             seen.add((place, ahead, outlook, spans))

@@ -13,15 +13,20 @@ from rvaft.monitors import Explanation, Pending
 class Progress(NamedTuple):
     """The progress of some partial matches, for coverage.
 
-    `taken` maps the nodes taken to the positions of their events; the guards of `dead` nodes failed.
-    Unless `exact`, a partial match may omit some nodes. `awaited` returns the names of the awaited
-    nodes of the partial match with only the given nodes.
+    - `taken`: the positions of the events of the nodes taken.
+    - `dead`: the nodes whose guards failed.
+    - `unfit`: the nodes that need an event beside those taken, or that no scenario has.
+    - `broken`: windows over shared nodes that need one if two elements are below them.
+    - `exact`: whether all nodes taken belong to one scenario.
+    - `awaited`: the names of the awaited nodes of the partial match with only the given nodes.
     """
 
     taken: Mapping[int, int]
-    dead: Collection[int]
-    exact: bool
-    awaited: Callable[[Collection[int]], Collection[str]]
+    dead: Collection[int] = ()
+    unfit: Collection[int] = ()
+    broken: Collection[tuple[int, int, int]] = ()
+    exact: bool = True
+    awaited: Callable[[Collection[int]], Collection[str]] = lambda _: ()
 
 
 class Strategy(ABC):

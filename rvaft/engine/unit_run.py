@@ -4,9 +4,9 @@ A *match* of a node has its first position, the time of its first event, its ste
 the sequence before it. Steps are nested tuples; the innermost are a node, a position and values, or
 for a counted leaf the node, a list of its events, and how many of them came.
 
-A *state* has the time of the last event, the remembered events, and a value for each node: for a
-child of a gate without order its match, for a child of a sequence that of the children up to it.
-Then follow the events of counted leaves.
+A *state* has the time of the last event, the remembered events, the values of the key unless they
+are texts and integers, and a value for each node: for a child of a gate without order its match,
+for a child of a sequence that of the children up to it. Then follow the events of counted leaves.
 """
 
 from abc import ABC, abstractmethod
@@ -18,7 +18,7 @@ from rvaft.engine.explanation import Step
 from rvaft.engine.units import Leaf, Op, Unit
 from rvaft.model.values import Json, key
 
-HEAD: Final = 2
+HEAD: Final = 3
 """The number of values of a state before those of nodes."""
 Match: TypeAlias = tuple[Any, ...]
 State: TypeAlias = list[Any]
@@ -93,8 +93,11 @@ class UnitRun(ABC):
             node = gate
         return False
 
-    def awaits(self, state: State, without: frozenset[int]) -> Iterator[str]:
-        """Iterate over the nodes whose event may come next, but for some leaves."""
+    def awaits(self, state: State, without: frozenset[int], *, begun: bool) -> Iterator[str]:
+        """Iterate over the nodes whose event may come next, but for some leaves.
+
+        If `begun`, only after some other event, or one of the same counted leaf.
+        """
         unit = self.unit
         for leaf in unit.leaves:
             before = None if leaf.after < 0 else state[HEAD + leaf.after]
@@ -102,9 +105,29 @@ class UnitRun(ABC):
                 continue
             if unit.settled[leaf.node] and self.is_over(state, leaf.node):
                 continue
+            if begun and leaf.after < 0 and not self._has_begun_beside(state, leaf):
+                continue
             limit = None if leaf.after < 0 else unit.limits[unit.places[leaf.after].gate]
             if limit is None or self.watermark is None or self.alive(before, self.watermark - limit):
                 yield leaf.source
+
+    def _has_begun_beside(self, state: State, leaf: Leaf) -> bool:
+        """Whether there are events of nodes without an order to a leaf, or of the counted leaf."""
+        places, node = self.unit.places, leaf.node
+        agenda = list[int]()
+        if leaf.number > 1 and state[self.places[node]]:
+            return True
+        while node > 0:
+            gate, op, _, _, siblings, _ = places[node]
+            if op in (Op.ALL, Op.AT_LEAST, Op.ENDS):
+                agenda += [sibling for sibling in siblings if sibling != node]
+            node = gate
+        while agenda:
+            node = agenda.pop()
+            if state[HEAD + node] or (node in self.places and state[self.places[node]]):
+                return True
+            agenda += self.unit.children[node]
+        return False
 
     def steps(self, match: Match, names: Mapping[str, Json]) -> list[tuple[int, Step]]:
         """Return the leaves and steps of a match in order; `names` are the values of the key."""
@@ -140,7 +163,8 @@ class UnitRun(ABC):
 
 def copied(state: State) -> State:
     """Return an independent copy of a state."""
-    return [_copied(one) for one in state]
+    time, events, values, *others = state
+    return [time, _copied(events), values, *map(_copied, others)]
 
 
 def _copied(value: Any) -> Any:

@@ -18,7 +18,7 @@ from rvaft.semantics.events import observe
 from rvaft.semantics.reference import Partial, relevant
 from tests.cli.runs import lines
 from tests.core.trees import is_plain
-from tests.engine.checking import small_valid_trees
+from tests.engine.checking import in_time, small_valid_trees
 from tests.engine.dense import SHAPES, WILD, trace_of, tree_of
 from tests.semantics.cases import CASES, Case
 
@@ -132,7 +132,7 @@ def test_how_far_is_what_the_definition_says(shape: str, semantics: str, count: 
                 Reference(tree, semantics, branch=infeasible)
         for found in report.branches:
             expected = Expected(tree, events, semantics, found.number)
-            check(found, expected, semantics)
+            check(found, expected, semantics, plain=is_plain(tree))
             compared += 1
             reached += 0 < found.reached < found.needed
         check_nodes(tree, events, semantics, coverage)
@@ -141,10 +141,11 @@ def test_how_far_is_what_the_definition_says(shape: str, semantics: str, count: 
 
 
 def check_nodes(tree: RVAFT, events: Events, semantics: str, coverage: Coverage) -> None:
-    """A node is seen when an event, under `projected` a relevant one, fits it."""
+    """A node is seen when an event in time, under `projected` a relevant one, fits it."""
     report = coverage.report()
     reached = set().union(*(branches(tree)[branch.number - 1] for branch in report.branches))
-    counted = [event for event in events if semantics != "projected" or relevant(tree, event)]
+    punctual = [events[position - 1] for position in in_time(tree, events)]
+    counted = [event for event in punctual if semantics != "projected" or relevant(tree, event)]
     unseen = {node.node for node in report.unseen}
     for name in tree.order:
         node = tree.nodes[name]

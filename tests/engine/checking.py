@@ -97,24 +97,30 @@ def _lowest(tree: RVAFT, prefix: Trace, semantics: str, branch: int | None, kind
     return None
 
 
-def _allowed(tree: RVAFT, prefix: Trace, semantics: str, positions: list[int]) -> bool:
+def in_time(tree: RVAFT, prefix: Trace) -> list[int]:
+    """The positions of the events that are not late."""
     late = None if tree.time is None else tree.time.late
-    in_time, greatest = list[int](), None
+    found, greatest = list[int](), None
     for position, event in enumerate(prefix, 1):
         time = time_of(tree.time, event)
         if late is None or time is None or greatest is None or greatest - time <= late:
-            in_time.append(position)
+            found.append(position)
         greatest = time if greatest is None else greatest if time is None else max(time, greatest)
-    mattering = [position for position in in_time if relevant(tree, prefix[position - 1])]
+    return found
+
+
+def _allowed(tree: RVAFT, prefix: Trace, semantics: str, positions: list[int]) -> bool:
+    punctual = in_time(tree, prefix)
+    mattering = [position for position in punctual if relevant(tree, prefix[position - 1])]
     match Semantics(semantics):
         case Semantics.STRICT:
-            return positions == list(range(1, len(prefix) + 1)) and set(positions) <= set(in_time)
+            return positions == list(range(1, len(prefix) + 1)) and set(positions) <= set(punctual)
         case Semantics.PROJECTED:
             return positions == mattering
         case Semantics.CONSECUTIVE:
             return positions == mattering[-len(positions) :]
         case Semantics.SCATTERED:
-            return positions[-1] == len(prefix) and set(positions) <= set(in_time)
+            return positions[-1] == len(prefix) and set(positions) <= set(punctual)
 
 
 def matched_occurrences(tree: RVAFT, explanation: Explanation) -> dict[str, int]:

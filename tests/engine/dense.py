@@ -141,7 +141,7 @@ SHAPES: Final = {
     ),
     "shared variables": Dense(variables=0.6, guards=0.3, sharing=0.6, nodes=8),
     "windows": Dense(windows=0.5, gates=CHOOSING),
-    "windows of few letters": Dense(windows=0.5, letters=2, nodes=8, guards=0, gates=CHOOSING),
+    "small windows": Dense(windows=0.5, letters=3, nodes=6, guards=0, gates=CHOOSING),
     "windows and values": Dense(windows=0.5, variables=0.6, guards=0.2, nodes=8, gates=CHOOSING),
     "shared windows": Dense(windows=0.6, sharing=0.7, letters=4, nodes=8, gates=CHOOSING),
     "heavily shared windows": Dense(windows=0.6, sharing=1.5, letters=4, nodes=8, gates=CHOOSING),

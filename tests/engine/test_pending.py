@@ -28,7 +28,7 @@ from tests.engine.windowed import timed_trace, windowed_trees
 def cases(shape: str) -> Iterator[tuple[Random, RVAFT, list[dict[str, Any]]]]:
     """Random trees with a trace each that is alive for a while, whatever the semantics, and then goes on anyhow."""
     random = Random(f"pending {shape}")
-    if shape == "windows":
+    if shape == "apart":
         yield from (
             (random, tree, timed_trace(random, tree, 9)) for tree in islice(windowed_trees(random, late=""), 40)
         )
@@ -147,7 +147,7 @@ def test_what_was_once_hard(tree: str, trace: list[dict[str, Any]]) -> None:
     assert follow(rvaft.loads(tree), trace, "strict") == (len(trace), False)
 
 
-@pytest.mark.parametrize("shape", [*SHAPES, *WILD, "windows"])
+@pytest.mark.parametrize("shape", [*SHAPES, *WILD, "apart"])
 def test_scattered_waits_for_nothing_else_and_for_all_that_matters(shape: str) -> None:
     """Partial matches that another can replace are not followed, so not all that the definition has is waited for.
 

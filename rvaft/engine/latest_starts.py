@@ -176,7 +176,7 @@ class LatestStarts(Strategy):
                         continue
                     state = self._begun(unit, name, values)
                 self.noted = True
-                self.runs[unit].watermark = self._watermark
+                state[3] = self._watermark
                 match = take(state, position, time, values)
                 self._added += 1
                 if match is not None:
@@ -251,7 +251,6 @@ class LatestStarts(Strategy):
     def fork(self) -> Self:
         """Return an independent copy."""
         twin = copy(self)
-        twin.runs = tuple(map(copy, self.runs))  # each has its own watermark
         twin._instances, twin._sweep_at = self._copied(), [*self._sweep_at]  # noqa: SLF001 (its own)
         return twin
 
@@ -349,11 +348,12 @@ class _Search(MatchSearch):
         """Iterate over the awaited nodes under these choices, by the values of the key."""
         for number, name, state in self._strategy.living:
             run = self._strategy.runs[number]
-            run.watermark = self._strategy.watermark
             without = _without(run.unit, choices or {})
             if without is not None:
                 own = run.again(state[1] or (), without)[0] if without else state
-                names = {*run.awaits(own, without, begun=name is not None and bool(run.unit.key))}
+                names = {
+                    *run.awaits(own, without, self._strategy.watermark, begun=name is not None and bool(run.unit.key))
+                }
                 yield names, _values(run.unit, name, state)
 
     def is_possible(self, gate: str, child: str) -> bool:

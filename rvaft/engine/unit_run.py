@@ -5,8 +5,9 @@ the sequence before it. Steps are nested tuples; the innermost are a node, a pos
 for a counted leaf the node, a list of its events, and how many of them came.
 
 A *state* has the time of the last event, the remembered events, the values of the key unless they
-are texts and integers, and a value for each node: for a child of a gate without order its match,
-for a child of a sequence that of the children up to it. Then follow the events of counted leaves.
+are texts and integers, the minimum time of later events if known, and a value for each node: for a
+child of a gate without order its match, for a child of a sequence that of the children up to it.
+Then follow the events of counted leaves.
 """
 
 from abc import ABC, abstractmethod
@@ -18,7 +19,7 @@ from rvaft.engine.explanation import Step
 from rvaft.engine.units import Leaf, Op, Unit
 from rvaft.model.values import Json, key
 
-HEAD: Final = 3
+HEAD: Final = 4
 """The number of values of a state before those of nodes."""
 Match: TypeAlias = tuple[Any, ...]
 State: TypeAlias = list[Any]
@@ -49,8 +50,6 @@ class UnitRun(ABC):
         self.size = size + len(counted)
         self.leaves = {leaf.node: leaf for leaf in unit.leaves}
         self.remembers = bool(unit.choices)
-        self.watermark: int | None = None
-        """The minimum time of later events, if known."""
 
     def start(self) -> State:
         """Return the state of a new instance."""
@@ -93,7 +92,7 @@ class UnitRun(ABC):
             node = gate
         return False
 
-    def awaits(self, state: State, without: frozenset[int], *, begun: bool) -> Iterator[str]:
+    def awaits(self, state: State, without: frozenset[int], watermark: int | None, *, begun: bool) -> Iterator[str]:
         """Iterate over the nodes whose event may come next, but for some leaves.
 
         If `begun`, only after some other event, or one of the same counted leaf.
@@ -108,7 +107,7 @@ class UnitRun(ABC):
             if begun and leaf.after < 0 and not self._has_begun_beside(state, leaf):
                 continue
             limit = None if leaf.after < 0 else unit.limits[unit.places[leaf.after].gate]
-            if limit is None or self.watermark is None or self.alive(before, self.watermark - limit):
+            if limit is None or watermark is None or self.alive(before, watermark - limit):
                 yield leaf.source
 
     def _has_begun_beside(self, state: State, leaf: Leaf) -> bool:

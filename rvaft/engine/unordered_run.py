@@ -66,8 +66,8 @@ class UnorderedRun(UnitRun):
             events = state[1] = []
         events.append(event)
         window = self.unit.window
-        if window is not None and self.watermark is not None and events[0][1] < self.watermark - window:
-            least = self.watermark - window
+        if window is not None and state[3] is not None and events[0][1] < state[3] - window:
+            least = state[3] - window
             events[:] = [one for one in events if one[1] >= least]
 
     def concerning(self, state: State) -> Iterable[Remembered]:
@@ -93,7 +93,7 @@ class UnorderedRun(UnitRun):
                 return []
             return [(events[0][0], None, (leaf.node, events, count), None, event[0])]
         place = len(events)
-        if self.watermark is not None and events and events[place // 2][1] < self.watermark - limit:
+        if state[3] is not None and events and events[place // 2][1] < state[3] - limit:
             events = events[place // 2 + 1 :]
             place = len(events)
         if events and time < events[-1][1]:
@@ -275,8 +275,8 @@ class UnorderedRun(UnitRun):
             while place and front[place - 1][3] >= match[3] and (not first or front[place - 1][0] <= match[0]):
                 place -= 1
         front[place:end] = [match]
-        if self.watermark is not None:
-            self._forget(front, self.watermark, limit, ends=not first and not last)
+        if state[3] is not None:
+            self._forget(front, state[3], limit, ends=not first and not last)
         return True
 
     def _forget(self, front: Front, watermark: int, limit: int, *, ends: bool) -> None:

@@ -152,16 +152,20 @@ class LackingEvents:
             ways = {**{child: able[child] for child in chosen if child not in without}, **changed}
             return tuple(ways[child] for child in children if child in ways)
 
-        yield made({})
-        most = 1 if self._compiled.ops[node] is PartKind.ONE else len(children)
-        for child in able:
-            more = found[child].more
-            if more is None:
+        least_way = made({})
+        yield least_way
+        if any(map(_lacking, least_way)):
+            return
+        # no chosen child lacks an event: one with a missing event takes its place, or is added
+        more = {child: way for child in able if (way := found[child].more) is not None}
+        for some in ([child for child in more if child in chosen], [child for child in more if child not in chosen]):
+            child = min(some, key=lambda child: more[child].lacking, default=None)
+            if child is None:
                 continue
-            if child in chosen or len(chosen) < most:
-                yield made({child: more})
+            if child in chosen or self._compiled.ops[node] is not PartKind.ONE:
+                yield made({child: more[child]})
             if child not in chosen and count:
-                yield made({child: more}, without=[rest[count - 1]])
+                yield made({child: more[child]}, without=[rest[count - 1]])
 
     def _ended_ways(self, ways: Sequence[Ways], touched: Sequence[bool]) -> Iterator[tuple[Way, ...]]:
         """Iterate over ways of children that end in order: once an event is missing, the later ones lack some too."""

@@ -11,7 +11,6 @@ A guard over variables of its own event only is a *filter*. Other variables are 
 partial match keeps their values until the guards are decided.
 """
 
-from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -417,7 +416,6 @@ class EventClass:
     """The decided guards that hold, as bits, for each serving letter."""
     timed: bool = False
     """Whether a letter needs the time of the event, or may match in several ways."""
-    parts: tuple["EventClass", ...] = ()
 
 
 class Inert(NamedTuple):
@@ -429,24 +427,6 @@ class Inert(NamedTuple):
 
     letters: Sequence[tuple[int, Collection[str] | None]]
     known: Collection[Hashable]
-
-
-class EngineLetters(ABC):
-    """The classification of events."""
-
-    def __init__(self, patterns: Iterable[Pattern]) -> None:
-        self.patterns = tuple(patterns)
-        self._shapes = PatternIndex(
-            self.patterns, lambda decided: self.table({self.patterns[one] for one in chain(*decided)})
-        )
-
-    @abstractmethod
-    def table(self, possible: Collection[Pattern]) -> GuardTable[EventClass]:
-        """Return the table from events to classes, for events that match only these patterns."""
-
-    def classify(self, event: Mapping[str, Json]) -> EventClass:
-        """Return the class of an event."""
-        return self._shapes.of(event).of(event)
 
 
 class Occurrences(NamedTuple):
@@ -465,7 +445,7 @@ class Occurrences(NamedTuple):
         return {}
 
 
-class TreeLetters(EngineLetters):
+class TreeLetters:
     """The letters of a tree.
 
     Equal patterns with equal guards are one letter. With `decide`, a class includes the guards that
@@ -498,7 +478,14 @@ class TreeLetters(EngineLetters):
         self._ignored = [
             reader(number, Letter(one.pattern, one.when)) for number, one in enumerate(prop.ignored, len(found))
         ]
-        super().__init__((*self._admissions, *(one.pattern for one in self._ignored)))
+        self.patterns = (*self._admissions, *(one.pattern for one in self._ignored))
+        self._shapes = PatternIndex(
+            self.patterns, lambda decided: self.table({self.patterns[one] for one in chain(*decided)})
+        )
+
+    def classify(self, event: Mapping[str, Json]) -> EventClass:
+        """Return the class of an event."""
+        return self._shapes.of(event).of(event)
 
     def _test(self, admission: Admission, guard: Guard) -> Guard | EventTest:
         fields = admission.reader.fields

@@ -25,7 +25,6 @@ REMEMBERED: Final = 10_000
 class Following(Measured):
     """A strategy that follows all partial matches; raises `TooLarge` beyond `limit` of them."""
 
-    letters: TreeLetters
     uses_up: ClassVar = True
     """Whether a partial match must use every event that counts."""
 

@@ -89,7 +89,6 @@ class LatestStarts(Strategy):
     """The instances of the units of a tree; raises `TooLarge` beyond `INSTANCES` times `limit` of them."""
 
     joins = True
-    letters: TreeLetters
 
     def __init__(self, prop: Property, found: Sequence[Unit], *, limit: int) -> None:
         self.prop = prop

@@ -4,7 +4,7 @@ from collections.abc import Callable, Hashable, Mapping
 from typing import Any, Final, Self
 
 from rvaft.core.passes import property_of
-from rvaft.engine.compiled_tree import NOTHING, EngineLetters, EventClass, Inert, Reading
+from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, TreeLetters
 from rvaft.engine.explanation import together
 from rvaft.engine.selection import strategy_of
 from rvaft.engine.strategy import Strategy
@@ -74,7 +74,7 @@ class Engine(Monitor):
         self.restore(state)
 
     @property
-    def letters(self) -> EngineLetters:
+    def letters(self) -> TreeLetters:
         """The letters of the tree."""
         return self._strategy.letters
 

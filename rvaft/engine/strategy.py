@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
 from typing import Any, ClassVar, NamedTuple, Self
 
-from rvaft.engine.compiled_tree import CompiledTree, EngineLetters, EventClass, Inert, Reading
+from rvaft.engine.compiled_tree import CompiledTree, EventClass, Inert, Reading, TreeLetters
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending
@@ -36,7 +36,7 @@ class Strategy(ABC):
     does not advance again.
     """
 
-    letters: EngineLetters
+    letters: TreeLetters
     """The letters of the tree."""
     noted: bool
     """Whether the last event may be in a match; False is certain."""

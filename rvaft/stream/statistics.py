@@ -20,7 +20,7 @@ from rvaft.core.classifier import (
     literals_of,
     reader,
 )
-from rvaft.engine.compiled_tree import EngineLetters, EventClass
+from rvaft.engine.compiled_tree import EventClass, TreeLetters
 from rvaft.model.expressions import on_text, pattern_text
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, match
 from rvaft.model.tree import RVAFT
@@ -74,7 +74,7 @@ class EventTypeIndex:
     several fields, and so near misses.
     """
 
-    def __init__(self, tree: RVAFT, engines: Sequence[EngineLetters] = ()) -> None:
+    def __init__(self, tree: RVAFT, engines: Sequence[TreeLetters] = ()) -> None:
         self.tree = tree = whole(tree)
         self._engines = engines
         self._calls: dict[Pattern, str] = {}

@@ -21,17 +21,19 @@ from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.monitors import LIVE
+from rvaft.readers import parallel_blocks
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
-from rvaft.stream import bulk, whole_log
+from rvaft.stream import pipeline, whole_log
 from rvaft.stream.checkpoint import CheckpointFile, open_at
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import UNSTARTED, counted, detection
 from rvaft.stream.follow import FollowedFile, stopping
 from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
-from rvaft.stream.run import Source, StateBeside, TraceRun
+from rvaft.stream.run import StateBeside, TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
+from rvaft.stream.sources import Source
 from rvaft.stream.statistics import Statistics
 from rvaft.stream.whole_log import Declined, LogAnswer
 from rvaft.support.files import SUFFIXES as COMPRESSED
@@ -278,7 +280,7 @@ class _Run(Listener):
         """Return how many processes read a trace; flush, since forked processes inherit the
         buffer.
         """
-        if not trace.is_plain or trace.size <= bulk.STRETCH:
+        if not trace.is_plain or trace.size <= parallel_blocks.STRETCH:
             return 1
         self.sink.flush()
         return self.jobs
@@ -383,8 +385,8 @@ class _Run(Listener):
             self._has_whole &= not by_blocks or any(one.whole for one in self.listeners)
             given, jobs = cast("Source", self._log or stream or source), self._readers(trace)
             log = None if trace.file is None else Path(trace.file)
-            for going_on in bulk.read(
-                run, given, trace.name, line=line + 1, by_blocks=by_blocks, live=at_once, jobs=jobs, log=log
+            for going_on in pipeline.read(
+                [run], given, trace.name, line=line + 1, by_blocks=by_blocks, live=at_once, jobs=jobs, log=log
             ):
                 if at_once:
                     sink.flush()

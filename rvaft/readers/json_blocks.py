@@ -18,7 +18,6 @@ from rvaft.core.classifier import Reads, TreeReads, brief
 from rvaft.errors import TraceError
 from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
-from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, JsonObject, Scalar, finite_decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
 from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
@@ -35,6 +34,7 @@ _SHORT: Final = 2 * MAX_DEPTH
 """Shorter lines have neither too many levels nor too many digits."""
 _DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
 _OF_NUMBERS: Final = b"0123456789.+-eE"
+_NESTED: Final = frozenset({dict, list})
 _STRETCH: Final = 29_000
 """Bytes per call when keys are counted."""
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
@@ -115,16 +115,15 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
     return fields if plain and reads.discriminators.fields and len(patterns) == len(reads.patterns) else ()
 
 
-def exact_time(tree: RVAFT) -> str | None:
-    """Return the time field if times are exact numbers."""
-    time = tree.time
-    return time.field[0] if time is not None and time.format in NUMERIC and len(time.field) == 1 else None
+def exact_times(reads: TreeReads) -> frozenset[str]:
+    """Return the time fields whose times are exact numbers."""
+    return frozenset(time.field[0] for time in reads.times if time.format in NUMERIC and len(time.field) == 1)
 
 
 class JsonBlockReader:
-    """Reads logs for one tree; `possible` tests discriminating values for relevance.
+    """Reads logs for some trees; `possible` tests discriminating values for relevance.
 
-    Only `fields` are decoded, or `whole` possible events; numbers in the field `time` are exact.
+    Only `fields` are decoded, or `whole` possible events; numbers in the fields `times` are exact.
     Several discriminating values are a tuple. The `kept` fields are returned for every event.
     """
 
@@ -134,7 +133,7 @@ class JsonBlockReader:
         possible: Callable[[Iterable[Hashable]], bool],
         fields: Sequence[str],
         *,
-        time: str | None,
+        times: frozenset[str] = frozenset(),
         strict: bool,
         kept: Sequence[str] = (),
         whole: bool = False,
@@ -144,7 +143,7 @@ class JsonBlockReader:
         self._whole = whole
         self._possible = possible
         self._discriminating = reads.discriminators.fields
-        assert time not in kept, "what is kept is no more exact than a double"
+        assert times.isdisjoint(kept), "what is kept is no more exact than a double"
         self._kept = tuple(kept)
         # Booleans go to the other reader, since 1 equals True in Python
         types = {
@@ -152,10 +151,10 @@ class JsonBlockReader:
             for field in (*fields, *self._discriminating)
         }
         # msgspec calls a float hook only for values of type Any
-        read = {field: Any if field == time else types[field] for field in fields}
+        read = {field: Any if field in times else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=finite_decimal)
-        self._time = time
+        self._times = times
         head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
         names = {f"f{number}": field for number, field in enumerate(head_fields)}
         # without garbage collection: heads live briefly and hold no references
@@ -281,12 +280,12 @@ class JsonBlockReader:
             self._skeletons.add(skeleton)
         with suppress(*_REFUSED):
             heads: list[_Line] = self._event.decode_lines(text)
-            if len(heads) == len(lines) and (self._time is None or not any(map(self._is_nested, heads))):
+            if len(heads) == len(lines) and not (self._times and any(map(self._is_nested, heads))):
                 return heads
         return None
 
     def _is_nested(self, event: dict[str, Json]) -> bool:
-        return self._time is not None and type(event.get(self._time)) in (dict, list)
+        return bool(self._times) and not _NESTED.isdisjoint(map(type, map(event.get, self._times)))
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
         """Return the decoded lines, their discriminating values (or `_DOUBT`), and kept values."""

@@ -43,7 +43,7 @@ Event = dict[str, Any]
 
 def fast(tree: RVAFT, *, dense: bool = False, strict: bool = False) -> JsonBlockReader:
     reads = TreeReads(tree)
-    found = JsonBlockReader(reads, EventTypeIndex(tree).possible, plain_fields(reads), time=None, strict=strict)
+    found = JsonBlockReader(reads, EventTypeIndex(tree).possible, plain_fields(reads), strict=strict)
     found._dense = dense
     return found
 

@@ -317,9 +317,8 @@ class TreeReads:
         )
         self.patterns: tuple[Pattern, ...] = (*own, *(pattern for one in more for pattern in one.patterns))
         fields = dict.fromkeys(name for one in more for name in one.discriminators.fields)
-        self.discriminators: Discriminators = Discriminators(
-            self.patterns, (*Discriminators(own).fields, *fields) if more else ()
-        )
+        known = (*Discriminators(own).fields, *fields) if more else ()
+        self.discriminators: Discriminators = Discriminators(self.patterns, known)
         times = [*([tree.time] if tree.time else []), *(time for one in more for time in one.times)]
         self.times: tuple[EventTime, ...] = tuple(dict.fromkeys(times))
         self.always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]

@@ -67,6 +67,8 @@ class Pipeline:
         by_time: dict[object, list[TraceRun]] = {}
         for run in runs:
             by_time.setdefault(None if run.ordering is None else run.ordering.time, []).append(run)
+        for run in runs[1:]:
+            run.distinct, run.leads = runs[0].distinct, False
         self._lanes = [_Lane(own, reading, self._fail) for own in by_time.values()]
 
     def _fail(self, run: TraceRun, error: RvaftError) -> None:
@@ -85,6 +87,8 @@ class Pipeline:
         for due in self._announced(turns) if whole else turns:
             for lane, block in due:
                 lane.process(block)
+            if not any(lane.runs for lane in self._lanes):
+                return
             yield bool(due)
 
     def _turns(self, batches: Iterable[EventBlock]) -> Iterator[list[tuple["_Lane", EventBlock]]]:

@@ -81,6 +81,8 @@ class TraceRun:
         self.lines: tuple[int, Sequence[int | None]] = 0, ()
         """A number, and the lines of the events after it."""
         self.begun = self.ended = False
+        self.leads = True
+        """Whether the ids of events are kept with the state of this run, of several over one trace."""
         self._tries = self._pause = 0
         self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
@@ -465,7 +467,7 @@ class TraceRun:
         """The state besides that of the monitored traces."""
         lacking = (0, 0) if self.keys is None else (self.keys.lacking, self.keys.first_lacking)
         totals = (self.totals.statistics, self.totals.data_warnings)
-        ids = None if self.distinct is None else self.distinct.state
+        ids = self.distinct.state if self.distinct is not None and self.leads else None
         return lacking, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals, ids
 
     def restore(self, state: RunState, number: int) -> None:

@@ -52,7 +52,7 @@ def trace(tmp_path: Path) -> Path:
 
 
 def kept(path: Path, log: Path, **changes: Any) -> CheckpointFile:
-    return CheckpointFile(path, **{"tree": TREE, "trace": log, "settings": {"--key": "robot"}, **changes})
+    return CheckpointFile(path, **{"trees": [TREE], "trace": log, "settings": {"--key": "robot"}, **changes})
 
 
 def save(path: Path, log: Path, state: object = None, *, events: int = 1, offset: int = 15, **changes: Any) -> None:
@@ -226,9 +226,9 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"tree": rvaft.loads("top or ab bc; ab sand b a fault; bc sand b c;")}, "a checkpoint of another tree"),
-        ({"tree": narrowed(TREE, branch=1)}, "a checkpoint of another tree, or of another part of it"),
-        ({"tree": narrowed(TREE, kind="fault")}, "a checkpoint of another tree, or of another part of it"),
+        ({"trees": [rvaft.loads("top or ab bc; ab sand b a fault; bc sand b c;")]}, "a checkpoint of another tree"),
+        ({"trees": [narrowed(TREE, branch=1)]}, "a checkpoint of another tree, or of another part of it"),
+        ({"trees": [narrowed(TREE, kind="fault")]}, "a checkpoint of another tree, or of another part of it"),
         ({"settings": {}}, "of a run with --key robot, not without --key"),
         ({"settings": {"--key": "id"}}, "of a run with --key robot, not with --key id"),
         ({"settings": {"--key": "robot", "--order-by": "t"}}, "of a run without --order-by, not with --order-by t"),
@@ -255,7 +255,7 @@ def test_a_checkpoint_of_another_version_is_refused(
         patched.setattr(rvaft, "__version__", "0.0.9", raising=False)
         save(path, trace)
     assert f"a checkpoint of rvaft 0.0.9, this is {rvaft.__version__}" in refused(path, trace)
-    path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 8", b"rvaft checkpoint 9", 1))
+    path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 9", b"rvaft checkpoint 8", 1))
     assert "a checkpoint of another version of rvaft" in refused(path, trace)
     for data in (b"", b"{}", LINES, b"\x80\x05.", b"rvaft check", b"\xff" * 100):
         path.write_bytes(data)
@@ -281,7 +281,7 @@ def forged(path: Path, payload: bytes, header: bytes | None = None) -> None:
     """A file with the right digest, made by somebody who knows how."""
     line = path.read_bytes().split(b"\n", 3)[2] if header is None else header
     body = line + b"\n" + payload
-    path.write_bytes(b"rvaft checkpoint 8\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
+    path.write_bytes(b"rvaft checkpoint 9\n" + hashlib.sha256(body).hexdigest().encode() + b"\n" + body)
 
 
 def text(data: str) -> bytes:

@@ -316,8 +316,8 @@ class TreeReads:
             *(tree.instantiate(ignore.on) for ignore in tree.ignores),
         )
         self.patterns: tuple[Pattern, ...] = (*own, *(pattern for one in more for pattern in one.patterns))
-        fields = dict.fromkeys(name for one in more for name in one.discriminators.fields)
-        known = (*Discriminators(own).fields, *fields) if more else ()
+        each = [Discriminators(own), *(one.discriminators for one in more)]
+        known = dict.fromkeys(name for one in each for name in one.fields) if more else ()
         self.discriminators: Discriminators = Discriminators(self.patterns, known)
         times = [*([tree.time] if tree.time else []), *(time for one in more for time in one.times)]
         self.times: tuple[EventTime, ...] = tuple(dict.fromkeys(times))

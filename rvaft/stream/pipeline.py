@@ -7,7 +7,8 @@ counts and listeners. Listeners are notified in the order of events, and at one 
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import deepcopy
 from heapq import merge
 from itertools import chain
 from operator import itemgetter
@@ -16,9 +17,11 @@ from typing import Final, TypeVar, cast
 
 import msgspec
 
+from rvaft.core.classifier import TreeReads
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject
 from rvaft.readers.json_blocks import EventBlock
+from rvaft.readers.json_lines import NonFiniteEvent, marked
 from rvaft.stream.dispatch import Dispatch
 from rvaft.stream.order import NUMBERS, Place
 from rvaft.stream.run import Groups, KeyValues, Placed, TraceRun, Turn
@@ -149,6 +152,8 @@ class _Lane:
     def __init__(self, runs: Sequence[TraceRun], reading: LogReading, fail: Failed) -> None:
         self.runs = list(runs)
         self._fail = fail
+        self._shared = len(reading.plans) > 1
+        """Whether other trees read the same events."""
         self._dispatch: Dispatch | None = None
         if len(runs) == len(reading.plans):
             self._dispatch = reading.dispatch
@@ -201,22 +206,28 @@ class _Lane:
     def process(self, block: EventBlock) -> None:
         """Pass a block to the runs."""
         if self._dispatch is None:
-            (run,) = self.runs
-            deque(run.process(block), maxlen=0)
+            for run in list(self.runs):
+                part = _as_read(block, {}, run.plan.reads)[0] if self._shared else block
+                deque(self._guarded(run, part, None, None), maxlen=0)
             return
         events = [event for _, event in block.events]
         found = self._dispatch.classified(events)
         kinds = self._asked(events) if found is None else {}
         pairs = {id(event): (place, event) for place, event in block.events}
+        odd = [event for event in events if isinstance(event, NonFiniteEvent)]
         steps = []
         for run in list(self.runs):
             number = self._numbers[id(run)]
             groups: Groups = () if found is None else found.get(number, ())
             own = kinds.get(number, {}) if found is None else _kinds(groups)
-            if run.needs_each:
-                steps.append(self._guarded(run, block, own, None))
-            elif own:
+            part = block
+            if own and not run.needs_each:
                 part = block._replace(events=sorted((pairs[one] for one in own), key=itemgetter(0)))
+            if odd:
+                part, own = _as_read(part, own, run.plan.reads)
+            if run.needs_each:
+                steps.append(self._guarded(run, part, own, None))
+            elif own:
                 steps.append(self._guarded(run, part, own, groups if found is not None else None))
             else:
                 run.pass_over(block.total, block.lines)
@@ -232,7 +243,7 @@ class _Lane:
         return kinds
 
     def _guarded(
-        self, run: TraceRun, block: EventBlock, kinds: dict[int, EventKind], groups: Groups | None
+        self, run: TraceRun, block: EventBlock, kinds: Mapping[int, EventKind] | None, groups: Groups | None
     ) -> Iterator[int]:
         """Yield the steps of a run; the others continue after its failure."""
         try:
@@ -240,6 +251,19 @@ class _Lane:
         except RvaftError as error:
             self.runs.remove(run)
             self._fail(run, error)
+
+
+def _as_read(
+    block: EventBlock, kinds: Mapping[int, EventKind], reads: TreeReads
+) -> tuple[EventBlock, dict[int, EventKind]]:
+    """Return a block and its kinds, in which only the numbers that a tree reads are not finite."""
+    events, found = list[Placed](), dict[int, EventKind]()
+    for place, event in block.events:
+        own = marked(deepcopy(dict(event)), reads, kept=False) if isinstance(event, NonFiniteEvent) else event
+        events.append((place, own))
+        if id(event) in kinds:
+            found[id(own)] = kinds[id(event)]
+    return block._replace(events=events), found
 
 
 def _kinds(groups: Groups) -> dict[int, EventKind]:

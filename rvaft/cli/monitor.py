@@ -279,6 +279,9 @@ def trees_given(tree: str, words: Sequence[str], before: int | None) -> tuple[di
     told = "to monitor several trees, end them with --, as in: rvaft monitor A.rvaft B.rvaft -- LOG"
     log = next((one for one in logs if PurePath(one).suffix.lower() == TREES[0]), None)
     options.refuse(log, f"{log} is a tree, where a log is expected; {told}")
+    option = next((one for one in logs if one.startswith("-") and one != "-" and not os.path.lexists(one)), None)
+    late = option if before is not None and (others or Path(tree).is_dir()) else None
+    options.refuse(late, f"{late} stands after --, where only logs are expected: put options before it")
     options.refuse(others and not logs, "no log after --: name one, or - for standard input")
     files: dict[str, str] = {}
     places: dict[str, str] = {}

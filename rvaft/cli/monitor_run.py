@@ -247,6 +247,8 @@ class _Run(Listener):
         self._log: Log | None = None
         self._has_whole = True
         """Whether the events that are kept, for explanations and order, have all fields."""
+        self._runs: Sequence[TraceRun] = ()
+        """The runs of the present trace, by tree."""
         self._failed = set[int]()
         """The runs whose monitors have failed, by their `id`."""
 
@@ -271,7 +273,7 @@ class _Run(Listener):
     def watch(self, trace: TraceSource) -> list[TraceOutcome]:
         """Run one trace, and return its outcome for each tree; an error follows the events before it."""
         path = Path(trace.file or "")
-        runs = [tree.run(trace) for tree in self.trees]
+        runs = self._runs = [tree.run(trace) for tree in self.trees]
         before, failed, ended = [tree.reaction.count for tree in self.trees], False, False
         self._log = None
         self._failed.clear()
@@ -436,7 +438,6 @@ class _Run(Listener):
 
     def _read(self, runs: Sequence[TraceRun], trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""
-        self._runs = runs
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
         stream: LinesRead | FollowedFile | None = None
         flushed = 0
@@ -482,10 +483,17 @@ class _Run(Listener):
             by_blocks = seldom if self._log is None else not (at_once or stream)
             self._has_whole &= not by_blocks or any(one.whole for one in self.listeners)
             given, jobs = cast("Source", self._log or stream or source), self._readers(trace)
-            log = None if trace.file is None else Path(trace.file)
-            options = {"line": line + 1, "by_blocks": by_blocks, "live": at_once, "jobs": jobs, "log": log}
-            failed = self._fail if len(runs) > 1 else None
-            for going_on in pipeline.read(runs, given, trace.name, failed=failed, **options):  # type: ignore[arg-type]
+            for going_on in pipeline.read(
+                runs,
+                given,
+                trace.name,
+                line=line + 1,
+                by_blocks=by_blocks,
+                live=at_once,
+                jobs=jobs,
+                log=None if trace.file is None else Path(trace.file),
+                failed=self._fail if len(runs) > 1 else None,
+            ):
                 if at_once:
                     sink.flush()
                 keep(ended=not going_on)

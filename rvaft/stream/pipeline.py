@@ -55,8 +55,7 @@ def read(
     after the events before it.
     """
     reading = reading_of(tuple(run.plan for run in runs))
-    options = {"line": line, "by_blocks": by_blocks, "live": live, "jobs": jobs, "log": log}
-    batches = reading.batches(runs, source, name, **options)  # type: ignore[arg-type]
+    batches = reading.batches(runs, source, name, line=line, by_blocks=by_blocks, live=live, jobs=jobs, log=log)
     whole = not live and not all(run.plan.monitors.engines for run in runs)
     return Pipeline(runs, reading, failed).read(batches, whole=whole)
 
@@ -88,8 +87,8 @@ class Pipeline:
             run.prepare()
         turns = self._turns(batches)
         for due in self._announced(turns) if whole else turns:
-            for lane, block in due:
-                lane.process(block)
+            steps = [step for lane, block in due for step in lane.steps(block)]
+            deque(steps[0] if len(steps) == 1 else merge(*steps), maxlen=0)
             if not any(lane.runs for lane in self._lanes):
                 return
             yield bool(due)
@@ -203,19 +202,17 @@ class _Lane:
         ordering = self.runs[0].ordering
         return _END if ordering is None else _block_of(list(ordering.rest()))
 
-    def process(self, block: EventBlock) -> None:
-        """Pass a block to the runs."""
+    def steps(self, block: EventBlock) -> list[Iterator[int]]:
+        """Return the steps of the runs over a block, each after the number of its event."""
         if self._dispatch is None:
-            for run in list(self.runs):
-                part = _as_read(block, {}, run.plan.reads)[0] if self._shared else block
-                deque(self._guarded(run, part, None, None), maxlen=0)
-            return
+            parts = [(run, _as_read(block, {}, run.plan.reads)[0] if self._shared else block) for run in self.runs]
+            return [self._guarded(run, part, None, None) for run, part in parts]
         events = [event for _, event in block.events]
         found = self._dispatch.classified(events)
         kinds = self._asked(events) if found is None else {}
         pairs = {id(event): (place, event) for place, event in block.events}
         odd = [event for event in events if isinstance(event, NonFiniteEvent)]
-        steps = []
+        steps = list[Iterator[int]]()
         for run in list(self.runs):
             number = self._numbers[id(run)]
             groups: Groups = () if found is None else found.get(number, ())
@@ -232,7 +229,7 @@ class _Lane:
             else:
                 run.pass_over(block.total, block.lines)
                 run.notify_unchanged(run.number)
-        deque(merge(*steps), maxlen=0)
+        return steps
 
     def _asked(self, events: Sequence[JsonObject]) -> dict[int, dict[int, EventKind]]:
         assert self._dispatch is not None
@@ -247,7 +244,7 @@ class _Lane:
     ) -> Iterator[int]:
         """Yield the steps of a run; the others continue after its failure."""
         try:
-            yield from run.process(block, kinds, groups)
+            yield from run.process(block, kinds, groups, turns=self._shared)
         except RvaftError as error:
             self.runs.remove(run)
             self._fail(run, error)

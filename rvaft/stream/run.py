@@ -153,12 +153,17 @@ class TraceRun:
             self.totals.statistics.events += total
 
     def process(
-        self, block: EventBlock, kinds: Mapping[int, EventKind] | None = None, found: Groups | None = None
+        self,
+        block: EventBlock,
+        kinds: Mapping[int, EventKind] | None = None,
+        found: Groups | None = None,
+        *,
+        turns: bool = False,
     ) -> Iterator[int]:
         """Process a block as a batch if only counts change, else event by event.
 
         `kinds` are the kinds of its events by their `id`, and `found` their groups, if they are known.
-        With `kinds`, the number of an event is yielded before its step, so that runs take turns.
+        With `turns`, the number of an event is yielded before its step, so that runs take turns.
         """
         before = self.number
         self.lines = before, block.lines
@@ -166,10 +171,10 @@ class TraceRun:
         monitors = self.plan.monitors
         together = not (self.assumed or self.audience.each or monitors.counts_all or monitors.may_be_late)
         try:
-            steps = self._in_bulk(events, before, found, turns=kinds is not None) if together and events else None
+            steps = self._in_bulk(events, before, found, turns=turns) if together and events else None
             if steps is None:
                 filled = self._filled(events, before) if monitors.counts_all else events
-                yield from self._take(filled, before, kinds, turns=kinds is not None)
+                yield from self._take(filled, before, kinds, turns=turns)
             else:
                 yield from steps
                 self.number = before + events[-1][0] + 1

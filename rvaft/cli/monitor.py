@@ -282,7 +282,8 @@ def trees_given(tree: str, words: Sequence[str], before: int | None) -> tuple[di
     option = next((one for one in logs if one.startswith("-") and one != "-" and not os.path.lexists(one)), None)
     late = option if before is not None and (others or Path(tree).is_dir()) else None
     options.refuse(late, f"{late} stands after --, where only logs are expected: put options before it")
-    options.refuse(others and not logs, "no log after --: name one, or - for standard input")
+    given_word = click.get_current_context().params.get("word") is not None
+    options.refuse(others and not logs and not given_word, "no log after --: name one, or - for standard input")
     files: dict[str, str] = {}
     places: dict[str, str] = {}
     for given in (tree, *others):

@@ -16,7 +16,7 @@ import click
 
 from rvaft.cli import FAILED, FOUND
 from rvaft.cli.alerts import ALL_REPORTERS
-from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, finish_together
+from rvaft.cli.monitor_output import WIDE, MonitorSettings, Reporter, Sink, SummaryRow, finish_together
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
@@ -187,12 +187,14 @@ class _WatchedTree:
         *,
         deliver: bool,
         first: Listener,
+        few: bool,
     ) -> None:
         self.settings = settings
-        monitors, tried = settings.plan.monitors, settings.checkpoints is None and not settings.many
+        monitors = settings.plan.monitors
         self.reporter = reporter or ALL_REPORTERS[settings.form](settings, sink)
         sums = self.reporter.sums
         resumed = settings.checkpoints is not None
+        tried = not resumed and few
         self.totals = Totals(
             Statistics(monitors.types) if sums or resumed else None,  # for this summary, or that of a resumed run
             DataWarnings(monitors.types, warn),
@@ -241,9 +243,8 @@ class _Run(Listener):
         times = {one.tree.time for one in trees}
         self._said: set[str] | None = set() if len(trees) > 1 and len(times) == 1 else None
         """What was said about times, if all trees read them alike."""
-        self.trees = [
-            _WatchedTree(one, sink, reporter, partial(self._warn_of, one), deliver=deliver, first=self) for one in trees
-        ]
+        made = partial(_WatchedTree, deliver=deliver, first=self, few=len(trees) <= WIDE)
+        self.trees = [made(one, sink, reporter, partial(self._warn_of, one)) for one in trees]
         self._log: Log | None = None
         self._has_whole = True
         """Whether the events that are kept, for explanations and order, have all fields."""
@@ -318,16 +319,16 @@ class _Run(Listener):
                 "for a JSON document name its list of events with --records PATH"
             )
         return [
-            self._outcome(tree, run, count, failed=failed or id(run) in self._failed, ended=ended)
+            self._outcome(tree, run, count, failed=failed, ended=ended)
             for tree, run, count in zip(self.trees, runs, before, strict=True)
         ]
 
     def _outcome(self, tree: _WatchedTree, run: TraceRun, before: int, *, failed: bool, ended: bool) -> TraceOutcome:
-        reaction, key = tree.reaction, tree.settings.plan.key
+        reaction, key, lost = tree.reaction, tree.settings.plan.key, id(run) in self._failed
+        failed, ended = failed or lost, ended and not lost
         rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if tree.settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
         keyless = " and ".join(field.text for field in key.fields) if key and run.number and not run.watches else ""
-        ended = ended and not failed
         return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless, ended)
 
     def _report(self, run: TraceRun, error: BaseException) -> None:

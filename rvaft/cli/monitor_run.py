@@ -21,10 +21,9 @@ from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.monitors import LIVE
-from rvaft.readers import parallel_blocks
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
-from rvaft.stream import pipeline, whole_log
+from rvaft.stream import pipeline, sources, whole_log
 from rvaft.stream.checkpoint import CheckpointFile, open_at
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import UNSTARTED, counted, detection
@@ -369,7 +368,7 @@ class _Run(Listener):
         """Return how many processes read a trace; flush, since forked processes inherit the
         buffer.
         """
-        if not trace.is_plain or trace.size <= parallel_blocks.STRETCH:
+        if not trace.is_plain or trace.size <= sources.STRETCH:
             return 1
         self.sink.flush()
         return self.jobs

@@ -10,7 +10,7 @@ from contextlib import suppress
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from operator import attrgetter, methodcaller
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias, TypedDict
+from typing import Any, Final, TypeAlias, TypedDict
 
 import msgspec
 
@@ -18,9 +18,9 @@ from rvaft.core.classifier import Reads, TreeReads, brief
 from rvaft.errors import TraceError
 from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
-from rvaft.model.values import Json, JsonObject, Scalar, finite_decimal
+from rvaft.model.values import Json, Scalar, finite_decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
-from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
+from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Batch, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
@@ -45,21 +45,6 @@ _Value: TypeAlias = Scalar | msgspec.UnsetType
 _Values: TypeAlias = _Value | tuple[_Value, ...]
 _DOUBT: Final = ("doubt",)
 """Marks a line for `rvaft.readers.json_lines`."""
-
-
-class EventBlock(NamedTuple):
-    """Consecutive events: the total, and the possibly relevant ones with their places, from 0.
-
-    If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
-    values (or tuples of values), with `msgspec.UNSET` for missing ones. `lines` has the line of each
-    event, or is empty.
-    """
-
-    total: int
-    events: Sequence[tuple[int, JsonObject]]
-    passed: Sequence[int] = ()
-    kept: Sequence[Json] = ()
-    lines: Sequence[int | None] = ()
 
 
 def _blocks(
@@ -186,7 +171,7 @@ class JsonBlockReader:
         line: int = 1,
         live: bool = False,
         reached: Callable[[int, int], None] = lambda _size, _lines: None,
-    ) -> Iterator[EventBlock]:
+    ) -> Iterator[Batch]:
         """Yield all events of a stream in blocks; raises `TraceError` after the events before it.
 
         `line` is the number of the first line; a `live` stream is read as it arrives. `reached` is
@@ -218,7 +203,7 @@ class JsonBlockReader:
             if sound is not None:
                 reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
-                yield EventBlock(len(found), events, passed, kept, range(first, first + len(found)))
+                yield Batch(len(found), events, passed, kept, range(first, first + len(found)))
                 continue
             events = []
             blank: list[int] = []
@@ -240,7 +225,7 @@ class JsonBlockReader:
                         before = bisect_left(passed, place)
                         reached(size - len(text) + sum(map(len, lines[:place])) + place, place)
                         passed, kept = _without(blank, passed[:before]), kept[:before]
-                        yield EventBlock(place - len(blank), events, passed, kept, _lines(first, place, blank))
+                        yield Batch(place - len(blank), events, passed, kept, _lines(first, place, blank))
                         raise
                 if event is None:
                     blank.append(place)
@@ -248,7 +233,7 @@ class JsonBlockReader:
                     events.append((place - len(blank), event))
             reached(size, len(lines) - (not text.endswith(b"\n")))
             every = _lines(first, len(found), blank)
-            yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept, every)
+            yield Batch(len(found) - len(blank), events, _without(blank, passed), kept, every)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """Return the decoded events of a block, or None if there may be hidden errors.

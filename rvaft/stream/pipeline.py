@@ -20,8 +20,8 @@ import msgspec
 from rvaft.core.classifier import TreeReads
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject
-from rvaft.readers.json_blocks import EventBlock
 from rvaft.readers.json_lines import NonFiniteEvent, marked
+from rvaft.readers.log import Batch
 from rvaft.stream.dispatch import Dispatch
 from rvaft.stream.order import NUMBERS, Place
 from rvaft.stream.run import Groups, KeyValues, Placed, TraceRun, Turn
@@ -30,7 +30,7 @@ from rvaft.stream.statistics import EventKind
 
 WHOLE: Final = 1_000_000
 """Maximum number of events of a log that backends read as a whole."""
-_END: Final = EventBlock(0, ())
+_END: Final = Batch(0, ())
 T = TypeVar("T")
 Failed = Callable[[TraceRun, RvaftError], None]
 """Receives a run whose monitors have failed; it gets no further events."""
@@ -78,7 +78,7 @@ class Pipeline:
             raise error
         self._failed(run, error)
 
-    def read(self, batches: Iterable[EventBlock], *, whole: bool = False) -> Iterator[bool]:
+    def read(self, batches: Iterable[Batch], *, whole: bool = False) -> Iterator[bool]:
         """Process batches, pausing after each; yield False once the trace has ended.
 
         If `whole`, all events are held in memory, and announced to the monitors.
@@ -93,7 +93,7 @@ class Pipeline:
                 return
             yield bool(due)
 
-    def _turns(self, batches: Iterable[EventBlock]) -> Iterator[list[tuple["_Lane", EventBlock]]]:
+    def _turns(self, batches: Iterable[Batch]) -> Iterator[list[tuple["_Lane", Batch]]]:
         """Yield the blocks that are due together, none at the end of the log; an error comes last."""
         failure = None
         try:
@@ -111,7 +111,7 @@ class Pipeline:
         if failure is not None:
             raise failure
 
-    def _distinct(self, block: EventBlock) -> EventBlock:
+    def _distinct(self, block: Batch) -> Batch:
         """Return a block without the events whose ids came before."""
         distinct = self._runs[0].distinct
         if distinct is None:
@@ -119,13 +119,11 @@ class Pipeline:
         lines = block.lines or [None] * block.total
         new = [(lines[place], event) for place, event in block.events if distinct.is_new(event, lines[place])]
         numbered = [(place, event) for place, (_, event) in enumerate(new)]
-        return EventBlock(len(new), numbered, lines=[line for line, _ in new] if block.lines else ())
+        return Batch(len(new), numbered, lines=[line for line, _ in new] if block.lines else ())
 
-    def _announced(
-        self, turns: Iterator[list[tuple["_Lane", EventBlock]]]
-    ) -> Iterator[list[tuple["_Lane", EventBlock]]]:
+    def _announced(self, turns: Iterator[list[tuple["_Lane", Batch]]]) -> Iterator[list[tuple["_Lane", Batch]]]:
         """Yield the same, after announcing all events to the monitors; an error comes last."""
-        held: list[list[tuple[_Lane, EventBlock]]] = []
+        held: list[list[tuple[_Lane, Batch]]] = []
         failure: Exception | None = None
         count = 0
         try:
@@ -162,7 +160,7 @@ class _Lane:
         for run in runs[1:]:
             run.ordering = runs[0].ordering
 
-    def due(self, block: EventBlock) -> EventBlock:
+    def due(self, block: Batch) -> Batch:
         """Return the events that are due after a block, with the values of keys as tuples."""
         plan, ordering = self.runs[0].plan, self.runs[0].ordering
         if plan.plain:
@@ -178,7 +176,7 @@ class _Lane:
             keys = [() if msgspec.UNSET in values else values for values in found]
         return block._replace(kept=keys) if ordering is None else self._ordered(block, places, keys)
 
-    def _ordered(self, block: EventBlock, values: Sequence[Json], others: Sequence[KeyValues]) -> EventBlock:
+    def _ordered(self, block: Batch, values: Sequence[Json], others: Sequence[KeyValues]) -> Batch:
         """Add the events of a block to the order and return the events that are due.
 
         `values` and `others` are the order fields and the stand-ins of the irrelevant events.
@@ -197,12 +195,12 @@ class _Lane:
             places = list(map(ordering.place, stand_ins))
         return _block_of(ordering.put_all(places, came))
 
-    def rest(self) -> EventBlock:
+    def rest(self) -> Batch:
         """Return the events that were held back, at the end of the trace."""
         ordering = self.runs[0].ordering
         return _END if ordering is None else _block_of(list(ordering.rest()))
 
-    def steps(self, block: EventBlock) -> list[Iterator[int]]:
+    def steps(self, block: Batch) -> list[Iterator[int]]:
         """Return the steps of the runs over a block, each after the number of its event."""
         if self._dispatch is None:
             parts = [(run, _as_read(block, {}, run.plan.reads)[0] if self._shared else block) for run in self.runs]
@@ -240,7 +238,7 @@ class _Lane:
         return kinds
 
     def _guarded(
-        self, run: TraceRun, block: EventBlock, kinds: Mapping[int, EventKind] | None, groups: Groups | None
+        self, run: TraceRun, block: Batch, kinds: Mapping[int, EventKind] | None, groups: Groups | None
     ) -> Iterator[int]:
         """Yield the steps of a run; the others continue after its failure."""
         try:
@@ -250,9 +248,7 @@ class _Lane:
             self._fail(run, error)
 
 
-def _as_read(
-    block: EventBlock, kinds: Mapping[int, EventKind], reads: TreeReads
-) -> tuple[EventBlock, dict[int, EventKind]]:
+def _as_read(block: Batch, kinds: Mapping[int, EventKind], reads: TreeReads) -> tuple[Batch, dict[int, EventKind]]:
     """Return a block and its kinds, in which only the numbers that a tree reads are not finite."""
     events, found = list[Placed](), dict[int, EventKind]()
     for place, event in block.events:
@@ -267,15 +263,15 @@ def _kinds(groups: Groups) -> dict[int, EventKind]:
     return {id(event): kind for kind, group in groups for event in group.events}
 
 
-def _block_of(turns: Sequence[Turn]) -> EventBlock:
+def _block_of(turns: Sequence[Turn]) -> Batch:
     lines, events = [line for line, _ in turns], [event for _, event in turns]
     found = [(place, event) for place, event in enumerate(events) if type(event) is not tuple]
     passed = [place for place, event in enumerate(events) if type(event) is tuple]
     kept = [events[place] for place in passed]
-    return EventBlock(len(turns), cast("list[Placed]", found), passed, kept, lines)
+    return Batch(len(turns), cast("list[Placed]", found), passed, kept, lines)
 
 
-def _in_places(block: EventBlock, others: Sequence[T], own: Sequence[T]) -> list[T]:
+def _in_places(block: Batch, others: Sequence[T], own: Sequence[T]) -> list[T]:
     """Merge items of the events and of irrelevant events in order."""
     if len(own) < len(others):
         found = list(others)

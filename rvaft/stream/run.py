@@ -14,7 +14,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.values import Json, JsonObject
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Verdict
-from rvaft.readers.json_blocks import EventBlock
+from rvaft.readers.log import Batch
 from rvaft.stream.bulk import EventGroup, changes_nothing, groups, needs_no_warning
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
@@ -154,7 +154,7 @@ class TraceRun:
 
     def process(
         self,
-        block: EventBlock,
+        block: Batch,
         kinds: Mapping[int, EventKind] | None = None,
         found: Groups | None = None,
         *,
@@ -397,7 +397,7 @@ class TraceRun:
         keys = self.keys
         return self.watch if keys is None else keys.known.get((event[keys.names[0]],))
 
-    def _with_new_keys(self, block: EventBlock) -> Sequence[Placed]:
+    def _with_new_keys(self, block: Batch) -> Sequence[Placed]:
         """Return the events, with a stand-in for the first of each new key."""
         keys = self.keys
         assert keys is not None, "only events with keys are kept by them"
@@ -419,7 +419,7 @@ class TraceRun:
             keys.known[values] = watch
         return True
 
-    def _count_passed(self, block: EventBlock, events: Sequence[Placed], end: int) -> None:
+    def _count_passed(self, block: Batch, events: Sequence[Placed], end: int) -> None:
         """Count the skipped events before place `end` for their keys."""
         keys = self.keys
         assert keys is not None, "only events with keys are kept by them"
@@ -434,7 +434,7 @@ class TraceRun:
             else:
                 watch.events += number
 
-    def _pass_over(self, block: EventBlock, events: Sequence[Placed], last: int) -> None:
+    def _pass_over(self, block: Batch, events: Sequence[Placed], last: int) -> None:
         """Count the skipped events of a block."""
         passed = block.total - len(events)
         if self.plan.monitors.counts_all:

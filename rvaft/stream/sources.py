@@ -17,9 +17,9 @@ from rvaft.errors import RvaftError
 from rvaft.model.nodes import Assumption
 from rvaft.model.values import Json, JsonObject
 from rvaft.readers import parallel_blocks
-from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, exact_times, plain_fields
+from rvaft.readers.json_blocks import JsonBlockReader, exact_times, plain_fields
 from rvaft.readers.json_lines import LinesRead, event_on, numbered
-from rvaft.readers.log import ALL, Interest, Log, lines_of
+from rvaft.readers.log import ALL, Batch, Interest, Log, lines_of
 from rvaft.stream.bulk import groups, needs_no_warning
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import identifying_fields
@@ -33,6 +33,8 @@ from rvaft.stream.statistics import EventKind, EventTypeIndex
 from rvaft.support.files import opened
 
 ENABLED: Final = True
+STRETCH: Final = parallel_blocks.STRETCH
+"""Bytes per read of a process."""
 BLOCK: Final = 500
 """The number of events of a batch that is collected."""
 Source: TypeAlias = BinaryIO | Log | Iterable[Json]
@@ -111,7 +113,7 @@ class LogReading:
         live: bool = False,
         jobs: int = 1,
         log: Path | None = None,
-    ) -> Iterator[EventBlock]:
+    ) -> Iterator[Batch]:
         """Return the events of a source for the runs of one trace, in batches.
 
         Without `by_blocks` a batch has one event. Of a `live` source a batch has the events that have
@@ -140,7 +142,7 @@ class LogReading:
                 _complete(run.ordering, log, run, self.reads)
         return self._collected(source, name, line, most=1 if live or not by_blocks else BLOCK)
 
-    def _collected(self, source: Source, name: str, line: int, *, most: int) -> Iterator[EventBlock]:
+    def _collected(self, source: Source, name: str, line: int, *, most: int) -> Iterator[Batch]:
         """Yield the events of a source in batches of at most so many; an error comes last."""
         held, lines = list[tuple[int, JsonObject]](), list[int | None]()
         try:
@@ -149,14 +151,14 @@ class LogReading:
                     held.append((len(lines), cast("JsonObject", event)))
                 lines.append(number)
                 if len(lines) >= most:
-                    yield EventBlock(len(lines), held, lines=lines)
+                    yield Batch(len(lines), held, lines=lines)
                     held, lines = [], []
         except (RvaftError, OSError):
             if lines:
-                yield EventBlock(len(lines), held, lines=lines)
+                yield Batch(len(lines), held, lines=lines)
             raise
         if lines:
-            yield EventBlock(len(lines), held, lines=lines)
+            yield Batch(len(lines), held, lines=lines)
 
     def _events(self, source: Source, name: str, line: int) -> Iterator[tuple[int | None, Json]]:
         """Yield the events with their lines, None for those that a reader found irrelevant."""

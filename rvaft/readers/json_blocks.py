@@ -108,7 +108,7 @@ def exact_times(reads: TreeReads) -> frozenset[str]:
 class JsonBlockReader:
     """Reads logs for some trees; `possible` tests discriminating values for relevance.
 
-    Only `fields` are decoded, or `whole` possible events; numbers in the fields `times` are exact.
+    Only `fields` are decoded, or `whole` possible events; numbers in the fields `exact` keep all digits.
     Several discriminating values are a tuple. The `kept` fields are returned for every event.
     """
 
@@ -118,7 +118,7 @@ class JsonBlockReader:
         possible: Callable[[Iterable[Hashable]], bool],
         fields: Sequence[str],
         *,
-        times: frozenset[str] = frozenset(),
+        exact: frozenset[str] = frozenset(),
         strict: bool,
         kept: Sequence[str] = (),
         whole: bool = False,
@@ -128,7 +128,7 @@ class JsonBlockReader:
         self._whole = whole
         self._possible = possible
         self._discriminating = reads.discriminators.fields
-        assert times.isdisjoint(kept), "what is kept is no more exact than a double"
+        assert exact.isdisjoint(kept), "what is kept is no more exact than a double"
         self._kept = tuple(kept)
         # Booleans go to the other reader, since 1 equals True in Python
         types = {
@@ -136,10 +136,10 @@ class JsonBlockReader:
             for field in (*fields, *self._discriminating)
         }
         # msgspec calls a float hook only for values of type Any
-        read = {field: Any if field in times else types[field] for field in fields}
+        read = {field: Any if field in exact else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=finite_decimal)
-        self._times = times
+        self._exact = exact
         head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
         names = {f"f{number}": field for number, field in enumerate(head_fields)}
         # without garbage collection: heads live briefly and hold no references
@@ -265,12 +265,12 @@ class JsonBlockReader:
             self._skeletons.add(skeleton)
         with suppress(*_REFUSED):
             heads: list[_Line] = self._event.decode_lines(text)
-            if len(heads) == len(lines) and not (self._times and any(map(self._is_nested, heads))):
+            if len(heads) == len(lines) and not (self._exact and any(map(self._is_nested, heads))):
                 return heads
         return None
 
     def _is_nested(self, event: dict[str, Json]) -> bool:
-        return bool(self._times) and not _NESTED.isdisjoint(map(type, map(event.get, self._times)))
+        return bool(self._exact) and not _NESTED.isdisjoint(map(type, map(event.get, self._exact)))
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
         """Return the decoded lines, their discriminating values (or `_DOUBT`), and kept values."""

@@ -77,6 +77,8 @@ class TraceRun:
             self.distinct = DistinctEvents(ids, self.plan.key, most, warn)
         self.clock = None if by is not None or monitors.may_be_late else Backwards(name, monitors.time)
         self.assumed = checked(monitors.types.tree, order=not monitors.engines)
+        self.assumes_in_bulk = self.assumed is None or self.plan.has_checked_events(self.assumed)
+        """Whether the assumptions, if any, can be checked for many events at once."""
         self.number = self.detected = 0
         self.lines: tuple[int, Sequence[int | None]] = 0, ()
         """A number, and the lines of the events after it."""
@@ -116,7 +118,7 @@ class TraceRun:
     def needs_each(self) -> bool:
         """Whether irrelevant events must be passed one at a time, not only their number."""
         monitors = self.plan.monitors
-        all_read = self.keys is not None or self.assumed is not None or bool(self.audience.each)
+        all_read = self.keys is not None or not self.assumes_in_bulk or bool(self.audience.each)
         return all_read or monitors.counts_all or monitors.may_be_late
 
     @property
@@ -169,7 +171,7 @@ class TraceRun:
         self.lines = before, block.lines
         events = block.events if self.keys is None or not block.passed else self._with_new_keys(block)
         monitors = self.plan.monitors
-        together = not (self.assumed or self.audience.each or monitors.counts_all or monitors.may_be_late)
+        together = self.assumes_in_bulk and not (self.audience.each or monitors.counts_all or monitors.may_be_late)
         try:
             steps = self._in_bulk(events, before, found, turns=turns) if together and events else None
             if steps is None:
@@ -221,7 +223,7 @@ class TraceRun:
                 if turns:
                     yield number
                 self.number = number
-                if assumed is not None:
+                if assumed is not None and not counted:
                     data_warnings.note_broken(assumed, event, f"{prefix}event {number}")
                 if keys is not None:
                     value = event.get(keyed_by) if keyed_by else None
@@ -338,6 +340,8 @@ class TraceRun:
         concerned, stepped = list[EventGroup](), None in map(self._watch_of, bodies)
         for event_kind, group in found:
             if not needs_no_warning(totals.data_warnings, group, event_kind):
+                return None
+            if self.assumed is not None and not self.assumed.is_kept(group):
                 return None
             fits = changes_nothing(monitors, group, event_kind, keyed=bool(keyed_by))
             stepped = stepped or fits is None

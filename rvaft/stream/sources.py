@@ -21,7 +21,7 @@ from rvaft.readers.json_blocks import JsonBlockReader, exact_times, plain_fields
 from rvaft.readers.json_lines import LinesRead, event_on, numbered
 from rvaft.readers.log import ALL, Batch, Interest, Log, lines_of
 from rvaft.stream.bulk import groups, needs_no_warning
-from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import identifying_fields
 from rvaft.stream.dispatch import Dispatch
 from rvaft.stream.follow import FollowedFile
@@ -72,13 +72,21 @@ class LogReading:
         shown = (name for plan in self.plans for name in identifying_fields(plan.monitors.types.tree))
         return tuple(dict.fromkeys((TIME, *shown)))
 
+    @property
+    def _exact(self) -> frozenset[str]:
+        """The fields whose numbers are checked to be exact."""
+        trees = [plan.monitors.types.tree for plan in self.plans]
+        checks = [check for tree in trees if (check := checked(tree)) and Assumption.EXACT in check.assumptions]
+        return frozenset(str(path[0]) for check in checks for path in check.paths)
+
     def interest(self, *, whole: bool = False) -> Interest:
         """Return the parts of an event that are read from logs of other formats than JSON Lines."""
         if whole not in self._interests:
             also = (name for one in self.plan.fields for name in (one.text, one.path[0]))
             found = Interest.of(self.reads, (*self._fields, *also))
             # key, place and time of irrelevant events may still matter
-            counted_only = self.plan.plain and not self._times_count and found.fields is not None
+            assumed = any(plan.monitors.types.tree.assumes - {Assumption.ORDER} for plan in self.plans)
+            counted_only = self.plan.plain and not (self._times_count or assumed) and found.fields is not None
             found = replace(found, may_be=self.index.may_be) if counted_only else found
             self._interests[whole] = replace(found, fields=None) if whole else found
         return self._interests[whole]
@@ -97,10 +105,10 @@ class LogReading:
             return None
         names = [field.text for field in plan.fields]
         possible = (lambda _: True) if self._times_count else self.index.possible
-        fields, times = plain_fields(reads, (*self._fields, *names)), exact_times(reads)
-        if not fields or not times.isdisjoint(names):
+        fields, exact = plain_fields(reads, (*self._fields, *names)), exact_times(reads) | self._exact
+        if not fields or not exact.isdisjoint(names):
             return None
-        return JsonBlockReader(reads, possible, fields, times=times, strict=plan.strict_json, kept=names, whole=whole)
+        return JsonBlockReader(reads, possible, fields, exact=exact, strict=plan.strict_json, kept=names, whole=whole)
 
     def batches(
         self,
@@ -122,7 +130,7 @@ class LogReading:
         fields. The iterator raises what `rvaft.readers.json_lines.read` raises.
         """
         whole = any(one.whole for run in runs for one in run.listeners)
-        quickly = by_blocks and ENABLED and not any(run.assumed or run.distinct for run in runs)
+        quickly = by_blocks and ENABLED and all(run.assumes_in_bulk and run.distinct is None for run in runs)
         quickly = quickly and (live or all(plan.monitors.engines for plan in self.plans))
         for run in runs:
             quickly = quickly and not any(one.every and (one.whole or run.one_by_one) for one in run.listeners)
@@ -234,7 +242,7 @@ def events_of_concern(
             before += block.total
 
     possible = (lambda _: True) if times_count else types.possible
-    return numbered(JsonBlockReader(reads, possible, fields, times=exact_times(reads), strict=strict_json))
+    return numbered(JsonBlockReader(reads, possible, fields, exact=exact_times(reads), strict=strict_json))
 
 
 @lru_cache(maxsize=16)

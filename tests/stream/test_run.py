@@ -507,6 +507,50 @@ def test_the_topic_and_time_of_a_match_are_known_where_no_pattern_has_them() -> 
     assert (number, times) == (3, {1: (5, "/a"), 3: (4, "/b")})
 
 
+ASSUMING = """time at as s; event e(v: TYPE, w) = { kind: "k", value: v, more: w }; event f(t: time) = { n: 1, u: t };
+    assume types, present, exact; semantics scattered; top sand a b; a on e(V, W); b on f(_) when true = true;"""
+ASSUMED = [1, 2.0, 2.5, 2**53, float(2**53), 9007199254740993.25, 2**70, True, None, "a", "7", [1], {"x": 1}, math.nan]
+
+
+@pytest.mark.parametrize("type_", ["text", "number", "integer", "boolean", "any"])
+@pytest.mark.parametrize("few", [True, False])
+def test_assumptions_are_checked_alike_however_they_are_read(
+    type_: str, few: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "FEW", 2)
+    random = Random(f"{type_} {few}")
+    for text in (ASSUMING.replace("TYPE", type_), ASSUMING.replace("TYPE", type_).replace("{ n: 1, u", '{ n: "n", u')):
+        plan = plan_of(loads(text.replace(" when true = true", "")), "scattered", repeat=random.random() < 0.5)
+        broken = 0
+        for _ in range(15):
+            events: list[dict[str, Any]] = [
+                {
+                    "kind": random.choice("kkw"),
+                    "n": random.choice([1, 2, "n"]),
+                    "at": n,
+                    "u": n,
+                    "value": 1,
+                    "more": "x",
+                }
+                for n in range(random.randint(1, 30))
+            ]
+            for event in events:
+                if random.random() < (0.1 if few else 0.6):
+                    event[random.choice(["value", "more", "u"])] = random.choice(ASSUMED)
+                if random.random() < 0.05:
+                    del event[random.choice(["value", "more", "u", "kind"])]
+            found = outcome(plan, lines(events).encode())
+            broken += sum(one.count for (doubt, _), one in found[1][2].items() if doubt is Doubt.ASSUMPTION)
+        assert broken
+
+
+def test_assumptions_do_not_slow_down_the_reading_of_a_log() -> None:
+    event = 'event e(v: text) = { kind: "k", value: v };'
+    for assumed, quick in (("types, present, exact", True), ("case", False)):
+        plan = plan_of(loads(f"{event} assume {assumed}; top sand a b; a on e(V); b on e(V);"))
+        assert run_of(plan, Told()).assumes_in_bulk is quick
+
+
 # -- keys
 # ---------------------------------------------------------------------------------------------------------------
 

@@ -257,6 +257,12 @@ class MonitorSet:
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
 
+    def pass_time(self, latest: int | None) -> None:
+        """Set the maximum event time of all monitors."""
+        for column in {0, *self._live}:
+            if self.engines[column].latest != latest:
+                self.engines[column].pass_time(latest)
+
     @property
     def live_columns(self) -> tuple[int, ...]:
         """The columns whose verdict may still change."""

@@ -216,13 +216,14 @@ class _Lane:
             groups: Groups = () if found is None else found.get(number, ())
             own = kinds.get(number, {}) if found is None else _kinds(groups)
             part = block
-            if own and not run.needs_each:
-                part = block._replace(events=sorted((pairs[one] for one in own), key=itemgetter(0)))
+            if not run.needs_each:
+                chosen = own.keys() | {id(event) for event in odd}
+                part = block._replace(events=sorted((pairs[one] for one in chosen), key=itemgetter(0)))
             if odd:
-                part, own = _as_read(part, own, run.plan.reads)
+                part, own = _as_read(part, own, run.plan.reads, each=run.needs_each)
             if run.needs_each:
                 steps.append(self._guarded(run, part, own, None))
-            elif own:
+            elif part.events:
                 steps.append(self._guarded(run, part, own, groups if found is not None else None))
             else:
                 run.pass_over(block.total, block.lines)
@@ -248,11 +249,20 @@ class _Lane:
             self._fail(run, error)
 
 
-def _as_read(block: Batch, kinds: Mapping[int, EventKind], reads: TreeReads) -> tuple[Batch, dict[int, EventKind]]:
-    """Return a block and its kinds, in which only the numbers that a tree reads are not finite."""
+def _as_read(
+    block: Batch, kinds: Mapping[int, EventKind], reads: TreeReads, *, each: bool = True
+) -> tuple[Batch, dict[int, EventKind]]:
+    """Return a block and its kinds, in which only the numbers that a tree reads are not finite.
+
+    Unless it reads `each` event, the block has only events with a kind or such a number.
+    """
     events, found = list[Placed](), dict[int, EventKind]()
     for place, event in block.events:
-        own = marked(deepcopy(dict(event)), reads, kept=False) if isinstance(event, NonFiniteEvent) else event
+        own = event
+        if isinstance(event, NonFiniteEvent):
+            own = marked(deepcopy(dict(event)), reads, kept=False)
+            if not (each or isinstance(own, NonFiniteEvent) or id(event) in kinds):
+                continue
         events.append((place, own))
         if id(event) in kinds:
             found[id(own)] = kinds[id(event)]

@@ -11,6 +11,7 @@ from typing import Final, TypeAlias
 
 from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge
+from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.values import Json, JsonObject
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Verdict
@@ -19,6 +20,7 @@ from rvaft.stream.bulk import EventGroup, changes_nothing, groups, needs_no_warn
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedTraces
+from rvaft.stream.lateness import RisingTimes
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
@@ -86,6 +88,8 @@ class TraceRun:
         self.leads = True
         """Whether the ids of events are kept with the state of this run, of several over one trace."""
         self._tries = self._pause = 0
+        self.times: RisingTimes | None = None
+        """The times of the current batch, if none of its events is late."""
         self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
@@ -171,7 +175,9 @@ class TraceRun:
         self.lines = before, block.lines
         events = block.events if self.keys is None or not block.passed else self._with_new_keys(block)
         monitors = self.plan.monitors
-        together = self.assumes_in_bulk and not (self.audience.each or monitors.counts_all or monitors.may_be_late)
+        self.times = self._rising(events)
+        together = self.assumes_in_bulk and not (self.audience.each or monitors.counts_all)
+        together = together and (self.times is not None or not monitors.may_be_late)
         try:
             steps = self._in_bulk(events, before, found, turns=turns) if together and events else None
             if steps is None:
@@ -180,6 +186,8 @@ class TraceRun:
             else:
                 yield from steps
                 self.number = before + events[-1][0] + 1
+            if self.times is not None and events:
+                self._pass_times(self.times, before, events[-1][0])
         except TooLarge:
             if self.keys is None:
                 self.watch.events = self.number
@@ -215,7 +223,8 @@ class TraceRun:
         data_warnings, semantics_hint = self.totals.data_warnings, self.totals.semantics_hint
         statistics, clock, assumed = self.totals.statistics, self.clock, self.assumed
         watch: MonitoredTrace | None = self.watch
-        late: bool | None = None
+        late: bool | None = None if self.times is None else False
+        times = self.times
         served, concerned = list[Placed](), list[Placed]()
         try:
             for place, event in events:
@@ -230,7 +239,8 @@ class TraceRun:
                     watch = known.get((value,)) if type(value) is str else None
                     watch = watch or keys.of(event, number)
                 if not counted:
-                    late = may_be_late and watch is not None and self._is_late(watch.monitors.engines[0], event)
+                    if times is None:
+                        late = may_be_late and watch is not None and self._is_late(watch.monitors.engines[0], event)
                     event_kind = kinds.get(id(event), types.nothing) if kinds is not None else look_up(event).of(event)
                     if late:
                         event_kind = types.late
@@ -257,6 +267,8 @@ class TraceRun:
                     continue
                 if event_kind.relevant or counts_all or (event_kind.serves and not skips):
                     monitors = watch.monitors
+                    if times is not None:
+                        monitors.pass_time(times.latest(place))
                     changed = monitors.step(event, number, event_kind, late=late)
                     if monitors.concerned:
                         concerned.append((number, event))
@@ -278,6 +290,29 @@ class TraceRun:
             self._remember(served)
             if clock is not None:
                 clock.see_all(concerned)
+
+    def _rising(self, events: Sequence[Placed]) -> RisingTimes | None:
+        """Return the times of events of which none is late, or None if each must be asked."""
+        time, monitors = self.plan.monitors.time, self.watch.monitors
+        if not monitors.may_be_late or self.keys is not None or time is None or len(time.field) != 1:
+            return None
+        if len(events) < FEW or not events or {dict} != set(map(type, map(itemgetter(1), events))):
+            return None
+        field = time.field[0]
+        return RisingTimes.of(time, [event.get(field) for _, event in events], monitors.engines[0].latest)
+
+    def _pass_times(self, times: RisingTimes, before: int, last: int) -> None:
+        """Note the maximum time after a batch, and its last jumps."""
+        engine = self.watch.monitors.engines[0]
+        jumps = [(before + place + 1, old, new) for place, old, new in times.jumps()]
+        found = [Jump(number, old, new, self._other_line(number)) for number, old, new in jumps]
+        engine.jumps = (*engine.jumps, *found)[-JUMPS:]
+        self.watch.monitors.pass_time(times.latest(last))
+
+    def _other_line(self, number: int) -> int | None:
+        """Return the line of an event, unless it is its number."""
+        line = self.line_of(number)
+        return None if line == number else line
 
     def _is_late(self, engine: Engine, event: JsonObject) -> bool:
         """Whether the current event is late; a jump of its time is noted with its line."""

@@ -8,7 +8,7 @@ import json
 import math
 import os
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
 from random import Random
@@ -505,6 +505,42 @@ def test_the_topic_and_time_of_a_match_are_known_where_no_pattern_has_them() -> 
     data = b'{"kind":"k","value":1,"topic":"/a","time":5}\n{"kind":"w"}\n{"kind":"k","value":2,"topic":"/b","time":4}\n'
     [(_, number, *_, times)] = outcome(plan_of(TREE, "scattered"), data)[0]
     assert (number, times) == (3, {1: (5, "/a"), 3: (4, "/b")})
+
+
+RISING = """time at as FORMAT late LATE; event e(v) = { kind: "k", value: v }; event f(v) = { kind: "w", value: v };
+    semantics scattered; top sand a b c within 9 s; a on e(X); b on f(Y) when Y != X; c on e(X);"""
+WRITTEN: Final[dict[str, list[Callable[[int], Any]]]] = {
+    "s": [lambda t: t, float, lambda t: t / 10, lambda t: t + 0.5],
+    "ms": [lambda t: t * 1000, lambda t: str(t * 1000)],
+    "ns": [lambda t: t * 10**9, lambda t: 10**31 * (t % 9 == 8) + t],
+    "iso8601": [
+        lambda t: f"2024-01-01T00:{t // 60 % 60:02}:{t % 60:02}Z",
+        lambda t: f"2024-01-01T00:{t // 60 % 60:02}:{t % 60:02}.5+0{t % 2}:00",
+        lambda t: f"2024-01-{1 + t % 40:02} 10:00",
+    ],
+}
+"""Ways to write a time of some seconds, of which some are unreadable, or fall where the seconds rise."""
+
+
+@pytest.mark.parametrize(("form", "late", "repeat"), [*product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True])])
+def test_times_that_rise_are_taken_at_once(form: str, late: str, repeat: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_module, "FEW", 2)
+    random, seen = Random(f"{form} {late} {repeat}"), set[Doubt]()
+    plan = plan_of(loads(RISING.replace("FORMAT", form).replace("LATE", late)), "scattered", repeat=repeat)
+    for write in WRITTEN[form]:
+        for _ in range(12):
+            now, events, far = 100, list[dict[str, Any]](), random.choice([1, 4, 30])
+            for _ in range(random.randint(1, 60)):
+                now += random.choice([0, 0, 1, 1, 2, far]) - random.choice([1, 8, 70]) * (random.random() < 0.02)
+                events.append({"kind": random.choice("kwo"), "value": random.choice("ab"), "at": write(now)})
+                if random.random() < 0.03:
+                    events[-1]["at"] = random.choice([None, "never", "2024-01-01T99:00:00Z", True, 1e300, [1]])
+                if random.random() < 0.03:
+                    del events[-1]["at"]
+            _, watched, *_ = outcome(plan, lines(events).encode())
+            seen |= {reason for reason, _ in watched[2]}
+    assert Doubt.TIME in seen
+    assert late == "1 min" or Doubt.LATE in seen
 
 
 ASSUMING = """time at as s; event e(v: TYPE, w) = { kind: "k", value: v, more: w }; event f(t: time) = { n: 1, u: t };

@@ -39,13 +39,11 @@ class RisingTimes:
         found = cls(time, places, values, latest)
         first = found._next(0, len(values))
         allowed = latest is None or first is None or latest - first[1] <= (time.late or 0)
-        # a number beyond all times is none
-        ends = comparable and types != {str} and None in (found._read(0), found._read(len(values) - 1))
-        return found if allowed and not ends else None
+        return found if allowed else None
 
     def _read(self, number: int) -> int | None:
         if number not in self._known:
-            self._known[number] = self._time.read({self._time.field[0]: self._values[number]})
+            self._known[number] = self._time.of(self._values[number])
         return self._known[number]
 
     def _next(self, start: int, end: int) -> tuple[int, int] | None:
@@ -55,7 +53,8 @@ class RisingTimes:
 
     def latest(self, place: int) -> int | None:
         """Return the maximum time up to the event at a place."""
-        for number in range(bisect_right(self._places, place) - 1, -1, -1):
+        last = place if type(self._places) is range else bisect_right(self._places, place) - 1
+        for number in range(last, -1, -1):
             found = self._read(number)
             if found is not None:
                 return found if self._before is None else max(found, self._before)

@@ -9,7 +9,7 @@ from enum import StrEnum
 from typing import Any, Final, TypeVar, Unpack
 
 from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
-from rvaft.core.branches import Branch, restrict
+from rvaft.core.branches import Branch
 from rvaft.core.branches import branches as branches_of
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import (
@@ -37,7 +37,7 @@ from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending, Repetition
-from rvaft.rules import check_draft, check_tree, require_valid
+from rvaft.rules import check_draft, check_tree, require_valid, valid_part
 from rvaft.rules.rule import Finding, Severity
 
 __all__ = [
@@ -222,17 +222,7 @@ Branch.text = staticmethod(property_text)
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:
     """Return the tree, or its restriction to a branch or kind; raises `TreeError`."""
-    require_valid(tree)
-    part = restrict(tree, branch=branch, kind=None if kind is None else one_of(Kind, kind))
-    try:
-        require_valid(part)
-    except TreeError as error:
-        if error.rule != "no-scenario":
-            raise
-        name = f"branch {branch}" if branch is not None else f"the part of kind {kind}"
-        message = f"{name} has no feasible scenario: nothing can be detected there"
-        raise TreeError(message, rule=error.rule, nodes=error.nodes) from error
-    return part
+    return valid_part(tree, branch, None if kind is None else one_of(Kind, kind))
 
 
 def resolve_semantics(tree: RVAFT, semantics: Semantics | str | None = None) -> Semantics:

@@ -25,7 +25,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.readers.log import expanded
 from rvaft.readers.registry import read_log
-from rvaft.stream.run import WHOLE
+from rvaft.stream.pipeline import WHOLE
 from rvaft.stream.statistics import EventTypeIndex
 from rvaft.support.terminal import columns, inert, readable_json, visible
 

@@ -108,7 +108,7 @@ class PageRequest:
 
     def run(self, make: Callable[[MonitorSettings, Sink], Reporter]) -> int:
         """Read the logs and return the exit status."""
-        status = run(self.settings, self._traces.sources, report=make)
+        status = run([self.settings], self._traces.sources, report=make)
         return FAILED if self._traces.missing.met else status
 
 

@@ -1,8 +1,10 @@
 """`rvaft monitor`: watch events for a tree and give verdicts."""
 
+import os
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import Any, Final
@@ -16,8 +18,10 @@ from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.cli.native_run import NativeMatches, NativeRun
 from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
-from rvaft.errors import NotExpressible, TooLarge, ToolMissing
+from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
 from rvaft.export import PICTURES
+from rvaft.language.parser import SUFFIXES as TREES
+from rvaft.language.parser import NoTree
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
@@ -27,7 +31,7 @@ from rvaft.model.values import has_surrogate
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 from rvaft.readers.json_lines import JsonLinesReader
-from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
+from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream, scheme
 from rvaft.rules.rule import listing
 from rvaft.stream.checkpoint import EVERY, CheckpointFile
 from rvaft.stream.detection import Hooks
@@ -40,15 +44,17 @@ from rvaft.stream.whole_log import QueryEngine, engine_class
 from rvaft.support import output
 from rvaft.support.files import note_input, require_target
 
+BEFORE: Final = "before"
+"""The key of the number of arguments before `--` in the context."""
 TERMINAL: Final = "-"
 """The value of `--explain` without FILE: draw in the text."""
 
 
 class MonitorCommand(click.Command):
-    """Parses `--explain [FILE]`: FILE must have a drawing suffix."""
+    """Parses `--explain [FILE]`, where FILE must have a drawing suffix, and `TREE... -- LOG...`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse, after making a bare `--explain` explicit."""
+        """Parse, after making a bare `--explain` explicit; note how many words stand before `--`."""
         made: list[str] = []
         for place, word in enumerate(args):
             if word == "--":
@@ -57,7 +63,19 @@ class MonitorCommand(click.Command):
             following = args[place + 1] if place + 1 < len(args) else ""
             bare = word == "--explain" and PurePath(following).suffix.lower() not in SUFFIXES
             made.append(f"--explain={TERMINAL}" if bare else word)
+        ctx.meta[BEFORE] = self._before(ctx, made)
         return super().parse_args(ctx, made)
+
+    def _before(self, ctx: click.Context, args: list[str]) -> int | None:
+        """Return the number of arguments before `--`, or None without it."""
+        for place in (place for place, word in enumerate(args) if word == "--"):
+            try:
+                found, _, _ = self.make_parser(ctx).parse_args(args[:place])
+            except click.UsageError:  # this is the value of an option, or an option is wrong
+                continue
+            words = found.get("traces")
+            return isinstance(found.get("tree"), str) + (len(words) if isinstance(words, (tuple, list)) else 0)
+        return None
 
 
 def _drawable(_context: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
@@ -78,6 +96,12 @@ _UNQUERIED: Final = {
     "strict_json": "DuckDB reads the words NaN and Infinity",
 }
 """Options that an engine cannot honour, each with the reason."""
+_OF_ONE_TREE: Final = {
+    "native": "a compiled monitor has one; a program for each is made by rvaft build",
+    "engine": "a query selects the events of one",
+    "foxglove": "a server or file shows one",
+}
+"""Options that cannot serve several trees, each with the reason."""
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
 _ORDER: Final = "Sort events by this field, a number or an ISO 8601 time."
@@ -103,7 +127,8 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 
 
 @click.command("monitor", cls=MonitorCommand)
-@options.tree_argument
+@click.argument("tree", metavar="TREE... [--]")
+@options.reading_options
 @options.semantics_option
 @options.part_options
 @click.argument("traces", nargs=-1, metavar="[TRACE]...")
@@ -139,18 +164,75 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     A TRACE is a file in JSON Lines, or in the format given by its suffix or --input. It may be a
     pattern such as 'logs/**/*.jsonl', or a URL such as mqtt://HOST/TOPIC. Without a TRACE, or with -, events come
     from standard input. The exit status is 1 if a trace detects the tree.
+
+    Several trees, as in 'rvaft monitor a.rvaft b.rvaft -- LOG', or all trees of a folder share the reading of each
+    TRACE. Each tree is monitored on its own, and the output names it.
     """
     options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
+    files, given["traces"] = trees_given(tree, given["traces"], click.get_current_context().meta[BEFORE])
     _check(given)
-    whole = options.load_tree(tree)
-    part, semantics, backend = (
-        narrowed(whole, branch, kind),
-        resolve_semantics(whole, given["semantics"]),
-        given["backend"],
-    )
-    native_run = _native_run(part, semantics, given) if given["native"] else None
-    plan = plan_of(part, whole, given, native_run)
-    engine = None if given["engine"] is None else engine_class(given["engine"])(plan)
+    wholes = _loaded(files)
+    many = len(wholes) > 1
+    if many:
+        _check_many(given, branch)
+    plans: list[MonitoringPlan] = []
+    native_run = None
+    for file, whole in wholes.items():
+        with _about(file, many=many):
+            part, semantics = narrowed(whole, branch, kind), resolve_semantics(whole, given["semantics"])
+            native_run = _native_run(part, semantics, given) if given["native"] else None
+            plans.append(plan_of(part, whole, given, native_run))
+    parts = [plan.monitors.columns[0].part for plan in plans]
+    engine = None if given["engine"] is None else engine_class(given["engine"])(plans[0])
+    traces = _traces(given, list(wholes.values()))
+    if given["native"]:
+        other = next((one.reader.name for one in traces.sources if one.reader is not None), None)
+        options.refuse(other, f"--native reads JSON Lines, not {other}: omit --native, or convert the log")
+        logs = [one.file for one in traces.sources if one.file is not None]
+        readable = all(one.is_plain for one in traces.sources) and not has_surrogate("".join(logs))  # UTF-8
+        if native.works_alone(given) and readable:
+            semantics = plans[0].monitors.semantics
+            status = native.run(parts[0], semantics, logs, repeat=given["repeat"], detections=given["detections"])
+            if len(logs) > 1 and status == 0:
+                warn(AFRESH.format(what="nothing was detected"))
+            return FAILED if traces.missing.met else status
+    _check_traces(given, traces, engine)
+    checkpoints = _checkpoints(given, traces.sources, plans)
+    drawing = None if given["explain"] == TERMINAL else given["explain"]
+    options.require_writable(one for one in (drawing, given["checkpoint"]) if one is not None)
+    settings = [
+        MonitorSettings(
+            plan,
+            whole,
+            name=click.format_filename(file),
+            **{option: given[option] for option in ("per", "detections", "template")},
+            form=given["form"] if given["template"] is None else "template",
+            follow=given["follow"] or traces.live,
+            several=traces.several,
+            drawn=given["explain"] == TERMINAL,
+            drawing=drawing,
+            hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
+            checkpoints=checkpoints,
+            engine=engine,
+            native=native_run,
+            unchosen=given["semantics"] is None and whole.semantics is None and given["backend"] is None,
+            many=many,
+        )
+        for (file, whole), plan in zip(wholes.items(), plans, strict=True)
+    ]
+    for one in settings if given["template"] is not None else ():
+        with _about(one.name, many=many):
+            Template(given["template"], one)
+    if given["foxglove"] is not None:
+        endless = traces.live or given["follow"] or (traces.streams and given["word"] is None)
+        status = _with_foxglove(settings[0], traces.sources, given["foxglove"], given["jobs"], endless=endless)
+    else:
+        status = run(settings, traces.sources, given["jobs"])
+    return FAILED if traces.missing.met else status
+
+
+def _traces(given: dict[str, Any], trees: Sequence[RVAFT]) -> "TracesGiven":
+    """Return the traces, or the events of `--word`."""
     names = given["traces"] or ("-",)
     if given["word"] is not None:
         options.refuse(
@@ -160,17 +242,12 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         names = ()
     traces = TracesGiven(names, given["log_format"], live=True)
     if given["word"] is not None:
-        traces.sources.append(_word(given["word"], whole))
-    if given["native"]:
-        other = next((one.reader.name for one in traces.sources if one.reader is not None), None)
-        options.refuse(other, f"--native reads JSON Lines, not {other}: omit --native, or convert the log")
-        files = [one.file for one in traces.sources if one.file is not None]
-        readable = all(one.is_plain for one in traces.sources) and not has_surrogate("".join(files))  # UTF-8
-        if native.works_alone(given) and readable:
-            status = native.run(part, semantics, files, repeat=given["repeat"], detections=given["detections"])
-            if len(files) > 1 and status == 0:
-                warn(AFRESH.format(what="nothing was detected"))
-            return FAILED if traces.missing.met else status
+        traces.sources.append(_word(given["word"], trees))
+    return traces
+
+
+def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEngine | None) -> None:
+    """Refuse traces that the options do not suit."""
     if engine is not None:
         traces.require_whole(engine)
     if traces.live:
@@ -185,37 +262,93 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     options.refuse(wrong, "--jobs is for files: standard input is read by one process")
     if given["follow"] or traces.live:
         output.unblock()
-    checkpoints = _checkpoints(given, traces.sources, part, semantics)
-    drawing = None if given["explain"] == TERMINAL else given["explain"]
-    options.require_writable(one for one in (drawing, given["checkpoint"]) if one is not None)
-    settings = MonitorSettings(
-        plan,
-        whole,
-        name=click.format_filename(tree),
-        **{option: given[option] for option in ("per", "detections", "template")},
-        form=given["form"] if given["template"] is None else "template",
-        follow=given["follow"] or traces.live,
-        several=traces.several,
-        drawn=given["explain"] == TERMINAL,
-        drawing=drawing,
-        hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
-        checkpoints=checkpoints,
-        engine=engine,
-        native=native_run,
-        unchosen=given["semantics"] is None and whole.semantics is None and backend is None,
+
+
+def trees_given(tree: str, words: Sequence[str], before: int | None) -> tuple[dict[str, str], tuple[str, ...]]:
+    """Return the trees, with their folder or "", and the logs of a command line.
+
+    `before` is the number of arguments before `--`.
+    Trees end at `--`. Without it, or with one argument before it, there is one TREE, or a folder of trees.
+    """
+    several = before is not None and before > 1
+    others, logs = (words[: (before or 1) - 1], words[(before or 1) - 1 :]) if several else ((), words)
+    if others and not any(map(_seems_tree, others)):
+        others, logs = (), words  # `--` stands among logs
+    wrong = next((one for one in others if not _seems_tree(one)), None)
+    options.refuse(wrong, f"before -- stand trees only ({', '.join(TREES)}), but {wrong} is none: name logs after --")
+    told = "to monitor several trees, end them with --, as in: rvaft monitor A.rvaft B.rvaft -- LOG"
+    log = next((one for one in logs if PurePath(one).suffix.lower() == TREES[0]), None)
+    options.refuse(log, f"{log} is a tree, where a log is expected; {told}")
+    option = next((one for one in logs if one.startswith("-") and one != "-" and not os.path.lexists(one)), None)
+    late = option if before is not None and (others or Path(tree).is_dir()) else None
+    options.refuse(late, f"{late} stands after --, where only logs are expected: put options before it")
+    given_word = click.get_current_context().params.get("word") is not None
+    options.refuse(others and not logs and not given_word, "no log after --: name one, or - for standard input")
+    files: dict[str, str] = {}
+    places: dict[str, str] = {}
+    for given in (tree, *others):
+        folder = given if Path(given).is_dir() else ""
+        for file in _in_folder(given) if folder else [given]:
+            same = places.setdefault(os.path.realpath(file), file)
+            twice = f"the tree {file} is given twice{'' if same == file else f', also as {same}'}"
+            options.refuse(same != file or file in files, twice)
+            files[file] = folder
+    return files, tuple(logs)
+
+
+def _seems_tree(name: str) -> bool:
+    """Whether this is the name of a tree, or a folder with trees."""
+    if Path(name).is_dir():
+        return any(Path(name).glob(f"*{TREES[0]}"))
+    return PurePath(name).suffix.lower() in TREES and not scheme(name)
+
+
+def _in_folder(name: str) -> list[str]:
+    """Return the trees in a folder, by name."""
+    found = sorted(file for file in Path(name).iterdir() if file.suffix == TREES[0] and file.is_file())
+    options.refuse(
+        not found, f"{click.format_filename(name)}: no tree in this folder: name a file, or a folder with *.rvaft"
     )
-    if given["template"] is not None:
-        Template(given["template"], settings)
-    if given["foxglove"] is not None:
-        endless = traces.live or given["follow"] or (traces.streams and given["word"] is None)
-        status = _with_foxglove(settings, traces.sources, given["foxglove"], given["jobs"], endless=endless)
-    else:
-        status = run(settings, traces.sources, given["jobs"])
-    return FAILED if traces.missing.met else status
+    return list(map(str, found))
+
+
+def _loaded(files: Mapping[str, str]) -> dict[str, RVAFT]:
+    """Load trees; of those in a folder some may only declare what others import."""
+    found: dict[str, RVAFT] = {}
+    for file, folder in files.items():
+        try:
+            found[file] = options.load_tree(file)
+        except NoTree as error:
+            if not (error.is_part and folder):
+                raise
+    options.refuse(not found, f"{', '.join(set(files.values()))}: the files only declare what trees import")
+    return found
+
+
+@contextmanager
+def _about(name: str, *, many: bool) -> Iterator[None]:
+    """Name the tree in errors, if there are several."""
+    try:
+        yield
+    except RvaftError as error:
+        if many:
+            error.add_note(f"the tree is {click.format_filename(name)}")
+        raise
+
+
+def _check_many(given: Mapping[str, Any], branch: int | None) -> None:
+    """Refuse the options that are for a single tree."""
+    for name, why in _OF_ONE_TREE.items():
+        wrong = given[name] not in (None, False, (), "")
+        options.refuse(wrong, f"--{name.replace('_', '-')} is for one tree: {why}")
+    options.refuse(branch is not None, "--branch is for one tree: each tree numbers its own branches")
+    options.refuse(given["form"] == "table", "--format table is for one tree: it has a column for each verdict of it")
+    drawn = given["explain"] not in (None, TERMINAL)
+    options.refuse(drawn, "--explain FILE is for one tree: omit FILE to draw in the text")
 
 
 def _checkpoints(
-    given: dict[str, Any], sources: Sequence[TraceSource], part: RVAFT, semantics: Semantics
+    given: dict[str, Any], sources: Sequence[TraceSource], plans: Sequence[MonitoringPlan]
 ) -> CheckpointFile | None:
     """Return the checkpoint file of a run, if one is asked for and there is a log."""
     if given["checkpoint"] is None:
@@ -226,7 +359,7 @@ def _checkpoints(
         return None
     reader = sources[0].reader
     settings_by_option = {
-        "--semantics": semantics,
+        "--semantics": ", ".join(plan.monitors.semantics for plan in plans),
         "--per": given["per"],
         "--key": ", ".join(given["key"]) or None,
         "--distinct": ", ".join(given["distinct"]) or None,
@@ -238,7 +371,7 @@ def _checkpoints(
     }
     return CheckpointFile(
         Path(given["checkpoint"]),
-        tree=part,
+        trees=[plan.monitors.columns[0].part for plan in plans],
         trace=Path(file),
         every=given["checkpoint_every"] or EVERY,
         settings={name: str(value) for name, value in settings_by_option.items() if value is not None},
@@ -255,7 +388,7 @@ def _with_foxglove(
     with foxglove(settings.tree, target, name=settings.name, key=settings.key, warn=warn) as sink:
         if sink.url:
             click.echo(f"rvaft: Foxglove connects to {sink.url}", err=True)
-        return run(replace(settings, others=(sink,)), traces)
+        return run([replace(settings, others=(sink,))], traces)
 
 
 def _native_run(part: RVAFT, semantics: Semantics, given: Mapping[str, Any]) -> NativeRun | None:
@@ -403,16 +536,18 @@ def source_of(file: str, reader: LogReader) -> TraceSource:
     return TraceSource("<stdin>", events=stream, reader=other)
 
 
-def _word(word: str, tree: RVAFT) -> TraceSource:
-    """Return letters as default events; warn if the node has another event."""
+def _word(word: str, trees: Sequence[RVAFT]) -> TraceSource:
+    """Return letters as default events; warn if a node has another event."""
     letters = word.split()
     unknown: list[str] = []
     for letter in dict.fromkeys(letters):
-        node = tree.nodes.get(letter)
-        if node is not None and node.on is not None:
+        nodes = [tree.nodes[letter] for tree in trees if letter in tree.nodes]
+        if (node := next((node for node in nodes if node.on is not None), None)) is not None and node.on is not None:
             event = on_text(node.on)
             warn(f"the letter {letter} is its default event, but the node {letter} has the event {event}")
-        elif not any(match(relevant.pattern, {"event": letter}, {}) is not None for relevant in tree.alphabet):
+            continue
+        patterns = (relevant.pattern for tree in trees for relevant in tree.alphabet)
+        if not any(match(pattern, {"event": letter}, {}) is not None for pattern in patterns):
             unknown.append(letter)
     if unknown:
         warn(f"no node has the default event {listing(unknown, 'or')}")

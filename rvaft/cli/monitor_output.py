@@ -4,6 +4,7 @@ import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Final, NamedTuple, TextIO
 
 import click
@@ -39,6 +40,8 @@ TYPES: Final = 20
 WAITING: Final = 10
 """Maximum number of branches with listed missing events."""
 LISTED: Final = 20
+FEW: Final = 3
+"""Maximum number of trees that a line names."""
 AFRESH: Final = (
     "each log is monitored afresh, so a match that begins in one and ends in another is not found ({what}); to "
     "monitor them as one, join them in the order of time, as with cat LOG... | rvaft monitor TREE"
@@ -102,7 +105,7 @@ class MonitorSettings:
 
     With `several`, lines name their trace. `unchosen`: the semantics is the default. With
     `detections` only detections are printed; with `drawn` they are drawn in the text. The first
-    detection is drawn to the file `drawing`.
+    detection is drawn to the file `drawing`. With `many`, it is one of several trees, which lines name.
     """
 
     plan: MonitoringPlan
@@ -122,11 +125,21 @@ class MonitorSettings:
     unchosen: bool = False
     template: str | None = None
     others: Sequence[Listener] = ()
+    many: bool = False
+
+    @property
+    def of_tree(self) -> str:
+        """The prefix of messages about the tree, if there are several."""
+        return f"{self.name}: " if self.many else ""
+
+    def of_trace(self, name: str) -> str:
+        """Return the prefix of the numbers of events of a trace, if there are several."""
+        return f"{name}: " if self.several else ""
 
     @property
     def summed(self) -> bool:
         """Whether a summary is printed at the end."""
-        return self.several or self.plan.key is not None
+        return self.many or self.several or self.plan.key is not None
 
     def key(self, watch: MonitoredTrace) -> dict[str, Json]:
         """The key of a monitored trace as JSON output has it."""
@@ -190,7 +203,7 @@ class Reporter(Listener):
         doubts, semantics_hint = totals.data_warnings.lines, totals.semantics_hint
         if self.sums and totals.statistics is not None:
             meant = [f"note: {semantics_hint.line}"] if semantics_hint is not None and semantics_hint.line else []
-            summed = _summary(self.settings, rows) if self.settings.summed else ()
+            summed = _summary([(self.settings, rows)]) if self.settings.summed else ()
             afresh = (f"note: {line}" for line in read_afresh(rows))
             lines = *held(totals.statistics), *meant, *afresh, *summed, *(f"warning: {line}" for line in doubts)
             self.sink.line(*lines)
@@ -222,7 +235,8 @@ class _JsonLines(Reporter):
         self.sink.write(f"{head}{f'{tail}{head}'.join(map(str, range(first, last + 1)))}{tail}")
 
     def _record(self, watch: MonitoredTrace, number: int, verdicts: Sequence[Verdict]) -> dict[str, Json]:
-        record: dict[str, Json] = {"trace": watch.trace} if self.settings.several else {}
+        record: dict[str, Json] = {"tree": self.settings.name} if self.settings.many else {}
+        record |= {"trace": watch.trace} if self.settings.several else {}
         record |= {**self.settings.key(watch), "event": number, "verdict": verdicts[0].value}
         if self.settings.per is not Per.TREE:
             record["verdicts"] = {one.label: verdict.value for one, verdict in zip(self.columns, verdicts, strict=True)}
@@ -261,7 +275,7 @@ class _Text(Reporter):
         self.sink.line(*self.lines(change, self.where(change.watch)))
 
     def end(self, watch: MonitoredTrace) -> None:
-        if watch.key is not None:
+        if watch.key is not None or self.settings.many:
             return
         verdicts, since, found = watch.monitors.verdicts, watch.monitors.since, watch.monitors.found
         repeat, ended = watch.monitors.repeat, f"verdict {verdicts[0]} after {counted(watch.events)}"
@@ -276,8 +290,9 @@ class _Text(Reporter):
                 self.sink.line(f"  {line}")
 
     def where(self, watch: MonitoredTrace) -> str:
-        """Return the prefix with trace and key, if there are several."""
-        parts = [watch.trace] if self.settings.several else []
+        """Return the prefix with tree, trace and key, if there are several."""
+        parts = [self.settings.name] if self.settings.many else []
+        parts += [watch.trace] if self.settings.several else []
         if watch.key is not None and self.settings.plan.key is not None:
             values = zip(self.settings.plan.key.fields, watch.key, strict=True)
             parts.append(", ".join(f"{field.text}={_json(value)}" for field, value in values))
@@ -390,13 +405,66 @@ def read_afresh(rows: Sequence[SummaryRow]) -> Iterator[str]:
         yield AFRESH.format(what=f"{len(unknown)} of {len(traces)} end unknown")
 
 
+def finish_together(reporters: Sequence[Reporter], rows: Sequence[Sequence[SummaryRow]]) -> None:
+    """Print the summary of several trees; `rows` has those of each."""
+    first, lines, doubts = reporters[0], dict[str, list[str]](), dict[str, list[str]]()
+    events = 0
+    for reporter in reporters:
+        totals, own = reporter.totals, list[str]()
+        assert totals is not None
+        if totals.statistics is not None:
+            events = max(events, totals.statistics.events)
+            own += [f"relevant: {relevant(totals.statistics)}"] if len(reporters) <= WIDE else []
+            own += doubtful(totals.statistics)
+        if totals.semantics_hint is not None and totals.semantics_hint.line:
+            own.append(f"note: {totals.semantics_hint.line}")
+        for line in own:
+            lines.setdefault(line, []).append(reporter.settings.name)
+        for line in totals.data_warnings.lines:
+            doubts.setdefault(line, []).append(reporter.settings.name)
+    afresh = list(read_afresh([row for some in rows for row in some]))
+    if first.sums:
+        summed = _summary([(reporter.settings, some) for reporter, some in zip(reporters, rows, strict=True)])
+        first.sink.line(
+            f"trees: {len(reporters)}; events read: {events}",
+            *_named(lines, len(reporters)),
+            *(f"note: {line}" for line in afresh),
+            *summed,
+            *(f"warning: {line}" for line in _named(doubts, len(reporters))),
+        )
+    else:
+        for line in (*afresh, *_named(doubts, len(reporters))):
+            first.sink.warn(line)
+
+
+def _named(lines: Mapping[str, Sequence[str]], trees: int) -> Iterator[str]:
+    """Yield lines with the trees that they are about, at most `MOST`."""
+    for line, names in islice(lines.items(), MOST):
+        more = f" and {len(names) - FEW} more" if len(names) > FEW else ""
+        whose = "all trees" if len(names) == trees else f"{', '.join(names[:FEW])}{more}"
+        label = next((one for one in ("warning: ", "note: ") if line.startswith(one)), "")
+        yield f"{label}{whose}: {line.removeprefix(label)}"
+    if len(lines) > MOST:
+        yield f"and {len(lines) - MOST} more lines about trees"
+
+
 def held(statistics: Statistics) -> Iterator[str]:
     """Yield the counts by event type, missing types and near misses."""
-    names, counts, never = statistics.names, statistics.relevant, statistics.never_seen
+    yield f"events read: {statistics.events}; relevant: {relevant(statistics)}"
+    yield from doubtful(statistics)
+
+
+def relevant(statistics: Statistics) -> str:
+    """Return the numbers of relevant events by type."""
+    names, counts = statistics.names, statistics.relevant
     listed = [name for name in names if len(names) <= TYPES or counts[name]]
     zero = [f"{len(names) - len(listed)} other types 0"] if len(listed) < len(names) else []
-    relevant = ", ".join([*(f"{name} {counts[name]}" for name in listed), *zero])
-    yield f"events read: {statistics.events}; relevant: {relevant or 'none'}"
+    return ", ".join([*(f"{name} {counts[name]}" for name in listed), *zero]) or "none"
+
+
+def doubtful(statistics: Statistics) -> Iterator[str]:
+    """Yield missing event types and near misses."""
+    never = statistics.never_seen
     yield from (f"warning: no event of type {name}" for name in never[:TYPES])
     if len(never) > TYPES:
         yield f"warning: {len(never) - TYPES} other types never seen"
@@ -415,38 +483,44 @@ def held(statistics: Statistics) -> Iterator[str]:
         yield f"warning: near miss: {would}, which {has} (first: {miss.first})"
 
 
-def _summary(settings: MonitorSettings, rows: Sequence[SummaryRow]) -> Iterator[str]:
+def _summary(of_trees: Sequence[tuple[MonitorSettings, Sequence[SummaryRow]]]) -> Iterator[str]:
+    """Yield a table with a row for each tree, trace and key."""
+    settings = of_trees[0][0]
     fields = () if settings.plan.key is None else settings.plan.key.fields
     titles = [column.title for column in settings.plan.monitors.columns]
-    repeat = settings.plan.monitors.repeat
-    verdicts = titles if 1 < len(titles) <= WIDE else _ENDS[repeat]
-    detected = ["DETECTED"] if len(titles) > WIDE else []
-    trace = ["TRACE"] if settings.several else []
-    table = [[*trace, *(field.text for field in fields), "EVENTS", *verdicts, "BRANCH", "KINDS", *detected, ""]]
+    repeat, many = settings.plan.monitors.repeat, settings.many
+    each = 1 < len(titles) <= WIDE and not many
+    verdicts = titles if each else _ENDS[repeat]
+    parts = any(len(one.plan.monitors.columns) > (1 if many else WIDE) for one, _ in of_trees)
+    tree, trace, detected = ["TREE"] * many, ["TRACE"] * settings.several, ["DETECTED"] * parts
+    names = [*tree, *trace, *(field.text for field in fields)]
+    table = [[*names, "EVENTS", *verdicts, "BRANCH", "KINDS", *detected, ""]]
+    rows = [(one, row) for one, some in of_trees for row in some]
     hidden: list[Verdict] = []
-    for row in rows:
+    for own, row in rows:
         detections = [at for at, count in enumerate(row.found) if count.notified]
         if len(table) > MOST or not (len(rows) <= ALL or row.failed or detections):
             hidden.append(row.verdicts[0])
             continue
-        cells = [row.trace] if settings.several else []
+        cells = [*([own.name] if many else []), *([row.trace] if settings.several else [])]
         cells += ["" for _ in fields] if row.key is None else map(_json, row.key)
         cells.append(str(row.events))
-        if 1 < len(titles) <= WIDE:
-            each = [f"{one} {row.since.get(at, '')}".rstrip() for at, one in enumerate(row.verdicts)]
-            cells += [f"{one.notified}, last {one.last}" if one.last else "0" for one in row.found] if repeat else each
+        if each:
+            ends = [f"{one} {row.since.get(at, '')}".rstrip() for at, one in enumerate(row.verdicts)]
+            cells += [f"{one.notified}, last {one.last}" if one.last else "0" for one in row.found] if repeat else ends
         else:
             cells += _ended(row, 0, repeat=repeat)
         branch, kinds = (None, []) if row.explanation is None else (row.explanation.branch, row.explanation.kinds)
         cells += ["-" if branch is None else str(branch), ", ".join(sorted(kinds)) or "-"]
-        if len(titles) > WIDE:
+        if parts:
+            labels = [column.title for column in own.plan.monitors.columns]
             found = [at for at in detections if at]
-            first = ", ".join(f"{titles[at]} {row.found[at].last}" for at in found[:3])
+            first = ", ".join(f"{labels[at]} {row.found[at].last}" for at in found[:3])
             cells.append(f"{first} and {len(found) - 3} more" if len(found) > 3 else first or "-")
         table.append([*cells, "error" if row.failed else ""])
     yield from columns(table)
     if repeat:
-        yield f"detections: {sum(row.found[0].notified for row in rows)}"
+        yield f"detections: {sum(row.found[0].notified for _, row in rows)}"
     if hidden:
         counts = ((verdict, hidden.count(verdict)) for verdict in Verdict)
         yield f"and {len(hidden)} more: {', '.join(f'{count} {verdict}' for verdict, count in counts if count)}"

@@ -16,22 +16,23 @@ import click
 
 from rvaft.cli import FAILED, FOUND
 from rvaft.cli.alerts import ALL_REPORTERS
-from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
+from rvaft.cli.monitor_output import WIDE, MonitorSettings, Reporter, Sink, SummaryRow, finish_together
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export import PICTURES, fired_dot, fired_text, picture
 from rvaft.model.values import Json
 from rvaft.monitors import LIVE
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
-from rvaft.stream import bulk, whole_log
+from rvaft.stream import pipeline, sources, whole_log
 from rvaft.stream.checkpoint import CheckpointFile, open_at
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import UNSTARTED, counted, detection
 from rvaft.stream.follow import FollowedFile, stopping
-from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
+from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
-from rvaft.stream.run import Source, StateBeside, TraceRun
+from rvaft.stream.run import StateBeside, TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
+from rvaft.stream.sources import Source, reading_of
 from rvaft.stream.statistics import Statistics
 from rvaft.stream.whole_log import Declined, LogAnswer
 from rvaft.support.files import SUFFIXES as COMPRESSED
@@ -44,8 +45,8 @@ SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 _OFTEN: Final = 1_000
 """Minimum checkpoint interval, in events, for reading in blocks."""
 _CHUNK: Final = 1 << 20
-_ReportState: TypeAlias = tuple[int, tuple[int, str | None], bool]
-"""The state of reporter and reaction, and whether kept events are whole."""
+_State: TypeAlias = tuple[list[StateBeside], list[tuple[int, tuple[int, str | None]]], bool]
+"""The states of runs, those of reporters and reactions, and whether kept events are whole."""
 _SILENCE: Final = 2.0
 """Seconds before a terminal shows what an engine does."""
 
@@ -63,7 +64,9 @@ class TraceSource(NamedTuple):
         """Whether the events come from a URL."""
         return self.reader is not None and bool(self.reader.schemes)
 
-    def log(self, source: object, plan: MonitoringPlan, line: int, live: Live, sink: Sink | None) -> Log | None:
+    def log(
+        self, source: object, plans: tuple[MonitoringPlan, ...], line: int, live: Live, sink: Sink | None
+    ) -> Log | None:
         """Return the log from that line on, or None for JSON Lines; warn of the first malformed
         event.
         """
@@ -74,10 +77,11 @@ class TraceSource(NamedTuple):
             if sink is not None:
                 sink.warn(f"{first}; skipped, as are later ones like it")
 
+        reads, plan = reading_of(plans).reads, plans[0]
         of_keys = (one for key in (plan.key, plan.distinct) if key is not None for one in key.fields)
         needed = tuple((one.text, one.path[0]) for one in of_keys)
         given, strict = cast("LogSource", source), plan.strict_json
-        return Log(self.reader, given, self.name, plan.reads, strict, line, needed=needed, on_reject=warn_of, live=live)
+        return Log(self.reader, given, self.name, reads, strict, line, needed=needed, on_reject=warn_of, live=live)
 
     @property
     def is_plain(self) -> bool:
@@ -170,47 +174,39 @@ class _OnDetection(Listener):
             self._draw(lambda: drawn)
 
 
-class _Run(Listener):
-    """Runs traces in turn and sums their statistics."""
+class _WatchedTree:
+    """The settings of one tree, its totals, and the listeners of its runs."""
 
     def __init__(
         self,
         settings: MonitorSettings,
         sink: Sink,
-        progress: ProgressBar | None,
-        reporter: Reporter | None = None,
+        reporter: Reporter | None,
+        warn: Callable[[str], object],
         *,
         deliver: bool,
-        jobs: int = 1,
+        first: Listener,
+        few: bool,
     ) -> None:
         self.settings = settings
-        self.sink = sink
-        self.jobs = jobs
-        self.progress = progress
-        monitors, tried = settings.plan.monitors, settings.checkpoints is None
+        monitors = settings.plan.monitors
         self.reporter = reporter or ALL_REPORTERS[settings.form](settings, sink)
         sums = self.reporter.sums
+        resumed = settings.checkpoints is not None
+        tried = not resumed and few
         self.totals = Totals(
-            Statistics(monitors.types) if sums or not tried else None,  # for this summary, or that of a resumed run
-            DataWarnings(monitors.types, sink.warn),
+            Statistics(monitors.types) if sums or resumed else None,  # for this summary, or that of a resumed run
+            DataWarnings(monitors.types, warn),
             SemanticsHint(monitors.columns[0].part, tried=tried) if settings.unchosen and sums else None,
         )
         self.reporter.totals = self.totals
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
-        self.listeners: list[Listener] = [self, *settings.others, self.reporter, *([self.reaction] if reacts else [])]
-        self._log: Log | None = None
-        self._has_whole = True
-        """Whether the events that are kept, for explanations and order, have all fields."""
+        self.listeners = [first, *settings.others, self.reporter, *([self.reaction] if reacts else [])]
 
-    def change(self, change: VerdictChange) -> None:
-        kept = self.settings.checkpoints
-        if kept is not None and change.detected and change.number > kept.noted:
-            kept.note(change.number)
-
-    def watch(self, trace: TraceSource) -> TraceOutcome:
-        """Run one trace; an error follows the events before it."""
-        settings, reaction, path = self.settings, self.reaction, Path(trace.file or "")
+    def run(self, trace: TraceSource) -> TraceRun:
+        """Return a new run over a trace."""
+        settings, path = self.settings, Path(trace.file or "")
         plan = settings.plan
         again = (
             trace.file is not None
@@ -220,55 +216,149 @@ class _Run(Listener):
             and not settings.follow
         )
         buffer = EventBuffer(path if again else None, reads=plan.reads, reader=trace.reader, late=not plan.plain)
-        prefix = f"{trace.name}: " if settings.several else ""
-        run = TraceRun(plan, trace.name, self.listeners, self.totals, buffer=buffer, prefix=prefix)
-        before, failed, ended = reaction.count, False, False
+        return TraceRun(
+            plan, trace.name, self.listeners, self.totals, buffer=buffer, prefix=settings.of_trace(trace.name)
+        )
+
+
+class _Run(Listener):
+    """Runs traces in turn, each for all trees, and sums their statistics."""
+
+    def __init__(
+        self,
+        trees: Sequence[MonitorSettings],
+        sink: Sink,
+        progress: ProgressBar | None,
+        reporter: Reporter | None = None,
+        *,
+        deliver: bool,
+        jobs: int = 1,
+    ) -> None:
+        self.settings = trees[0]
+        """The settings that all trees share."""
+        self.sink = sink
+        self.jobs = jobs
+        self.progress = progress
+        times = {one.tree.time for one in trees}
+        self._said: set[str] | None = set() if len(trees) > 1 and len(times) == 1 else None
+        """What was said about times, if all trees read them alike."""
+        made = partial(_WatchedTree, deliver=deliver, first=self, few=len(trees) <= WIDE)
+        self.trees = [made(one, sink, reporter, partial(self._warn_of, one)) for one in trees]
+        self._log: Log | None = None
+        self._has_whole = True
+        """Whether the events that are kept, for explanations and order, have all fields."""
+        self._runs: Sequence[TraceRun] = ()
+        """The runs of the present trace, by tree."""
+        self._failed = set[int]()
+        """The runs whose monitors have failed, by their `id`."""
+
+    @property
+    def listeners(self) -> Iterator[Listener]:
+        """The listeners of all trees."""
+        return (one for tree in self.trees for one in tree.listeners)
+
+    def _warn_of(self, settings: MonitorSettings, message: str) -> None:
+        """Warn about the data of a tree, once if it holds for all trees."""
+        if self._said is None:
+            self.sink.warn(f"{settings.of_tree}{message}")
+        elif message not in self._said:
+            self._said.add(message)
+            self.sink.warn(message)
+
+    def change(self, change: VerdictChange) -> None:
+        kept = self.settings.checkpoints
+        if kept is not None and change.detected and change.number > kept.noted:
+            kept.note(change.number)
+
+    def watch(self, trace: TraceSource) -> list[TraceOutcome]:
+        """Run one trace, and return its outcome for each tree; an error follows the events before it."""
+        path = Path(trace.file or "")
+        runs = self._runs = [tree.run(trace) for tree in self.trees]
+        before, failed, ended = [tree.reaction.count for tree in self.trees], False, False
         self._log = None
+        self._failed.clear()
         try:
-            if (answer := self._answer(run, trace)) is None:
-                if self._arrives(trace) and plan.monitors.evaluate_prefixes:
+            if (answer := self._answer(runs[0], trace)) is None:
+                if self._arrives(trace) and any(run.plan.monitors.evaluate_prefixes for run in runs):
                     self.sink.warn(
                         f"the backend evaluates all events of {trace.name} after each event, at most {LIVE:,}: "
                         "give a complete log as a file, or omit --backend"
                     )
-                backends = not (plan.monitors.engines or self._arrives(trace))
+                backends = not (all(run.plan.monitors.engines for run in runs) or self._arrives(trace))
                 with _shown(f"the backend evaluates {trace.name} as a whole") if backends else nullcontext():
-                    self._read(run, trace)
+                    self._read(runs, trace)
             else:
                 with closing(answer):
-                    run.begin()
-                    for _ in whole_log.read(run, answer):
-                        self.reporter.pause(run)
-            run.end()
+                    runs[0].begin()
+                    for _ in whole_log.read(runs[0], answer):
+                        self.trees[0].reporter.pause(runs[0])
+            for run in runs:
+                if id(run) not in self._failed:
+                    run.end()
             ended = True
         except (RvaftError, OSError) as error:
             if isinstance(error, OSError) and error.filename is None:  # standard output failed
                 raise
             failed = True
-            run.stop()
-            if isinstance(error, TooLarge):
-                remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
-                error.add_note(f"at event {run.number} of {trace.name}{remedy}")
-            self.sink.report(error)
+            for run in runs:
+                if id(run) not in self._failed:
+                    run.stop()
+            self._report(runs[0], error)
         if self._log is not None and (fault := self._log.fault) is not None:
-            if self._log.is_malformed(run.number):
+            if self._log.is_malformed(runs[0].number):
                 failed = True
                 self.sink.report(fault)
             else:
                 self.sink.warn(str(fault))
-        for warning in run.warnings:
-            self.sink.warn(f"{prefix}{warning}")
-        concerned = any(watch.monitors.concerned for watch in run.watches)
-        if ended and run.number == 1 and not concerned and trace.reader is None and suffix(path) == ".json":
+        self._warn(runs)
+        concerned = any(watch.monitors.concerned for run in runs for watch in run.watches)
+        if ended and runs[0].number == 1 and not concerned and trace.reader is None and suffix(path) == ".json":
             self.sink.warn(
                 f"{trace.name} was read as JSON Lines with one event; "
                 "for a JSON document name its list of events with --records PATH"
             )
-        rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if settings.summed else []
+        return [
+            self._outcome(tree, run, count, failed=failed, ended=ended)
+            for tree, run, count in zip(self.trees, runs, before, strict=True)
+        ]
+
+    def _outcome(self, tree: _WatchedTree, run: TraceRun, before: int, *, failed: bool, ended: bool) -> TraceOutcome:
+        reaction, key, lost = tree.reaction, tree.settings.plan.key, id(run) in self._failed
+        failed, ended = failed or lost, ended and not lost
+        rows = [SummaryRow.of(watch, failed=failed) for watch in run.watches] if tree.settings.summed else []
         status = FAILED if failed else FOUND if run.found else 0
-        key = settings.plan.key
         keyless = " and ".join(field.text for field in key.fields) if key and run.number and not run.watches else ""
         return TraceOutcome(status, rows, reaction.first, reaction.count - before, reaction.failed, keyless, ended)
+
+    def _report(self, run: TraceRun, error: BaseException) -> None:
+        if isinstance(error, TooLarge):
+            remedy = "" if getattr(error, "__notes__", ()) else "; --max-configurations allows more"
+            error.add_note(f"at event {run.number} of {run.trace}{remedy}")
+        self.sink.report(error)
+
+    def _fail(self, run: TraceRun, error: RvaftError) -> None:
+        """Report that the monitors of a tree have failed; the others continue, unless they are kept for later."""
+        number = next(place for place, one in enumerate(self._runs) if one is run)
+        if not isinstance(error, TraceError):
+            error.add_note(f"the tree is {self.trees[number].settings.name}")
+        if self.settings.checkpoints is not None:
+            raise error
+        self._failed.add(id(run))
+        run.stop()
+        self._report(run, error)
+
+    def _warn(self, runs: Sequence[TraceRun]) -> None:
+        """Print the warnings of runs, once if they are those of all trees."""
+        found: dict[str, list[_WatchedTree]] = {}
+        for tree, run in zip(self.trees, runs, strict=True):
+            for warning in run.warnings:
+                found.setdefault(f"{run.prefix}{warning}", []).append(tree)
+        for warning, trees in found.items():
+            if len(trees) == len(self.trees):
+                self.sink.warn(warning)
+            else:
+                for tree in trees:
+                    self.sink.warn(f"{tree.settings.of_tree}{warning}")
 
     def _arrives(self, trace: TraceSource) -> bool:
         """Whether events of a trace arrive while it is monitored."""
@@ -278,7 +368,7 @@ class _Run(Listener):
         """Return how many processes read a trace; flush, since forked processes inherit the
         buffer.
         """
-        if not trace.is_plain or trace.size <= bulk.STRETCH:
+        if not trace.is_plain or trace.size <= sources.STRETCH:
             return 1
         self.sink.flush()
         return self.jobs
@@ -304,7 +394,7 @@ class _Run(Listener):
             return None
         return answer
 
-    def _source(self, stack: ExitStack, run: TraceRun, trace: TraceSource) -> Iterable[Json] | LogSource:
+    def _source(self, stack: ExitStack, runs: Sequence[TraceRun], trace: TraceSource) -> Iterable[Json] | LogSource:
         """Open a trace; a compiled monitor, if there is one, reads it first."""
         source: Iterable[Json] | LogSource = trace.events
         if trace.file is not None:
@@ -313,23 +403,30 @@ class _Run(Listener):
         if native is None:
             return source
         same = Path(trace.file) if trace.file is not None and trace.is_plain else None
-        return stack.enter_context(native.trace(trace.name, same, cast("BinaryIO", source), run.buffer))
+        return stack.enter_context(native.trace(trace.name, same, cast("BinaryIO", source), runs[0].buffer))
 
-    def _state(self, run: TraceRun) -> tuple[StateBeside, _ReportState]:
-        """Return the state of a run besides that of its monitored traces."""
-        return run.state_beside, (self.reporter.listed, self.reaction.state, self._has_whole)
+    @property
+    def _unstarted(self) -> int:
+        """The number of commands that were not started after a stop was requested."""
+        return sum(tree.reaction.unstarted for tree in self.trees)
 
-    def _resume(self, run: TraceRun, kept: CheckpointFile) -> tuple[int, int]:
-        """Restore the run from its checkpoint, or write a first one; return offset and line."""
+    def _state(self, runs: Sequence[TraceRun]) -> _State:
+        """Return the state of runs besides that of their monitored traces."""
+        reports = [(tree.reporter.listed, tree.reaction.state) for tree in self.trees]
+        return [run.state_beside for run in runs], reports, self._has_whole
+
+    def _resume(self, runs: Sequence[TraceRun], kept: CheckpointFile) -> tuple[int, int]:
+        """Restore runs from their checkpoint, or write a first one; return offset and line."""
         found = kept.load()
         if found is None:
-            kept.save(partial(self._state, run), 0, LinesRead(BytesIO()), traces=run.watches)
+            kept.save(partial(self._state, runs), 0, LinesRead(BytesIO()), traces=_in_turns(runs))
             return 0, 0
         about, traces, state = found
         try:
-            beside, report = cast("tuple[StateBeside, _ReportState]", state)
-            self.reporter.listed, self.reaction.state, self._has_whole = report
-            run.restore((traces, beside), about.events)
+            beside, reports, self._has_whole = cast("_State", state)
+            for place, (tree, run) in enumerate(zip(self.trees, runs, strict=True)):
+                tree.reporter.listed, tree.reaction.state = reports[place]
+                run.restore((traces[place :: len(runs)], beside[place]), about.events)
         except Exception as error:
             raise kept.unreadable(error) from error
         for listener in self.listeners:
@@ -339,12 +436,12 @@ class _Run(Listener):
             self.sink.warn(f"{kept.path}: {lacking}: events up to event {about.events} may lack others")
         return about.offset, about.line
 
-    def _read(self, run: TraceRun, trace: TraceSource) -> None:
+    def _read(self, runs: Sequence[TraceRun], trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
         stream: LinesRead | FollowedFile | None = None
         flushed = 0
-        offset, line = (0, 0) if kept is None else self._resume(run, kept)
+        offset, line = (0, 0) if kept is None else self._resume(runs, kept)
 
         def keep(*, ended: bool = False) -> None:
             """Write a checkpoint if one is due, after flushing the output that precedes it.
@@ -353,18 +450,22 @@ class _Run(Listener):
             those whose commands were not started.
             """
             nonlocal flushed
-            self.reporter.pause(run)
+            for tree, run in zip(self.trees, runs, strict=True):
+                tree.reporter.pause(run)
             if kept is None or stream is None:
                 return
-            if not run.ended and not self.reaction.unstarted and (ended or kept.is_due(run.number)):
+            number, detected = runs[0].number, max(run.detected for run in runs)
+            if not (runs[0].ended or self._unstarted) and (ended or kept.is_due(number)):
                 sink.flush()
                 file = stream.file if isinstance(stream, FollowedFile) else None
-                kept.save(partial(self._state, run), run.number, stream, file, traces=run.watches, bounded=not ended)
-            elif run.detected > flushed:
+                state, traces = partial(self._state, runs), _in_turns(runs)
+                kept.save(state, number, stream, file, traces=traces, bounded=not ended)
+            elif detected > flushed:
                 sink.flush()
-            flushed = run.detected
+            flushed = detected
 
-        run.begin()
+        for run in runs:
+            run.begin()
         with ExitStack() as stack:
             source: Iterable[Json] | LogSource = ()
             if trace.file is not None and follow and not trace.live:
@@ -374,31 +475,49 @@ class _Run(Listener):
             elif trace.file is not None and kept is not None:
                 stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))
             else:
-                source = self._source(stack, run, trace)
-            at_once = self._arrives(trace)
+                source = self._source(stack, runs, trace)
+            at_once, plans = self._arrives(trace), tuple(run.plan for run in runs)
             live = stack.enter_context(_listening(trace, sink, keep))
-            self._log = trace.log(stream or source, self.settings.plan, line + 1, live, sink if follow else None)
+            self._log = trace.log(stream or source, plans, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
             by_blocks = seldom if self._log is None else not (at_once or stream)
             self._has_whole &= not by_blocks or any(one.whole for one in self.listeners)
             given, jobs = cast("Source", self._log or stream or source), self._readers(trace)
-            log = None if trace.file is None else Path(trace.file)
-            for going_on in bulk.read(
-                run, given, trace.name, line=line + 1, by_blocks=by_blocks, live=at_once, jobs=jobs, log=log
+            for going_on in pipeline.read(
+                runs,
+                given,
+                trace.name,
+                line=line + 1,
+                by_blocks=by_blocks,
+                live=at_once,
+                jobs=jobs,
+                log=None if trace.file is None else Path(trace.file),
+                failed=self._fail if len(runs) > 1 else None,
             ):
                 if at_once:
                     sink.flush()
                 keep(ended=not going_on)
                 if self.progress is not None:
                     self.progress.reach(source)
-            if isinstance(stream, FollowedFile) and stream.unfinished:
-                sink.warn(f"{trace.name}: the last line is incomplete and was not read ({stream.unfinished} bytes)")
-            if isinstance(stream, FollowedFile) and stream.goes_on:
-                sink.warn(f"{trace.name}: what follows line {stream.line} was not read: the monitor was stopped")
-            if self.reaction.unstarted:
-                sink.warn(f"{counted(self.reaction.unstarted, 'command')} not started: the monitor was stopped")
+            for warning in _unread(trace.name, stream) if isinstance(stream, FollowedFile) else ():
+                sink.warn(warning)
+            if self._unstarted:
+                sink.warn(f"{counted(self._unstarted, 'command')} not started: the monitor was stopped")
             if self.progress is not None:
                 self.progress.finish(trace.size)
+
+
+def _unread(name: str, stream: FollowedFile) -> Iterator[str]:
+    """Yield what was not read of a followed file."""
+    if stream.unfinished:
+        yield f"{name}: the last line is incomplete and was not read ({stream.unfinished} bytes)"
+    if stream.goes_on:
+        yield f"{name}: what follows line {stream.line} was not read: the monitor was stopped"
+
+
+def _in_turns(runs: Sequence[TraceRun]) -> list[MonitoredTrace]:
+    """Return the monitored traces of each key for all trees, so that new keys come last."""
+    return [watch for of_key in zip(*(run.watches for run in runs), strict=True) for watch in of_key]
 
 
 @contextmanager
@@ -436,53 +555,58 @@ def _listening(trace: TraceSource, sink: Sink, idle: Callable[[], object]) -> It
 
 
 def run(
-    settings: MonitorSettings,
+    trees: Sequence[MonitorSettings],
     traces: Sequence[TraceSource],
     jobs: int = 1,
     report: Callable[[MonitorSettings, Sink], Reporter] | None = None,
 ) -> int:
-    """Run all traces and return the exit status; `report` replaces the reporter."""
+    """Run all traces for all trees and return the exit status; `report` replaces the reporter."""
     STOP.reset()
     gc.freeze()  # decoding triggers garbage collection often
+    settings = trees[0]
     try:
         sizes = sum(trace.size for trace in traces)
         watched = not settings.follow and all(trace.file is not None for trace in traces)
         progress = ProgressBar(sizes) if watched and sizes else None
         sink = Sink(progress=progress)
         reporter = None if report is None else report(settings, sink)
-        alone = _Run(settings, sink, progress, reporter, deliver=True, jobs=jobs)
+        alone = _Run(trees, sink, progress, reporter, deliver=True, jobs=jobs)
         if jobs > 1 and len(traces) > 1:
             outcomes = list(_in_processes(alone, traces, jobs))
         else:
             outcomes = [alone.watch(trace) for trace in traces]
-        rows = [row for one in outcomes for row in one.rows]
-        if any(outcome.ended for outcome in outcomes):
-            alone.reporter.finish(rows, alone.totals)
-        if (names := "".join({one.keyless for one in outcomes})) and not rows:
+        rows = [[row for one in of_trees for row in one.rows] for of_trees in zip(*outcomes, strict=True)]
+        every = [one for of_trees in outcomes for one in of_trees]
+        if any(outcome.ended for outcome in every):
+            if len(trees) == 1:
+                alone.trees[0].reporter.finish(rows[0], alone.trees[0].totals)
+            else:
+                finish_together([tree.reporter for tree in alone.trees], rows)
+        if (names := "".join({one.keyless for one in every})) and not any(rows):
             sink.report(OptionError(f"no event has the key field ({names}), so nothing was monitored"))
             return FAILED
-        reaction = alone.reaction
+        reaction = alone.trees[0].reaction
         if settings.drawing is not None and not reaction.failed:
             if reaction.first is None:
                 why = "no explanation" if reaction.count else "nothing was detected"
                 sink.warn(f"{settings.drawing} is not written: {why}")
             elif reaction.count > 1:
                 sink.warn(f"{settings.drawing} shows the first of {reaction.count} detections")
-        return max([FAILED if reaction.failed else 0, *(outcome.status for outcome in outcomes)])
+        return max([FAILED if reaction.failed else 0, *(outcome.status for outcome in every)])
     finally:
         gc.unfreeze()
 
 
-def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iterator[TraceOutcome]:
+def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iterator[list[TraceOutcome]]:
     """Run traces in several processes; yield and print in the order of traces."""
     sink = alone.sink
     with TemporaryDirectory(prefix="rvaft-") as folder:
 
-        def work(number: int) -> tuple[TraceOutcome, Totals, list[str]]:
+        def work(number: int) -> tuple[list[TraceOutcome], list[Totals], list[str]]:
             with (Path(folder) / str(number)).open("w", encoding="utf-8", errors="backslashreplace") as file:
-                own = _Run(alone.settings, Sink(file), None, deliver=False)
-                outcome = own.watch(traces[number])
-                return outcome, own.totals, own.sink.errors
+                own = _Run([tree.settings for tree in alone.trees], Sink(file), None, deliver=False)
+                outcomes = own.watch(traces[number])
+                return outcomes, [tree.totals for tree in own.trees], own.sink.errors
 
         with closing(in_processes(work, range(len(traces)), jobs=min(jobs, len(traces)))) as running:
             for number, result in running:
@@ -497,11 +621,12 @@ def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iter
                 if isinstance(result, Killed):
                     killed = f"{traces[number].name}: the process that monitored it was killed"
                     sink.report(click.ClickException(killed))
-                    yield TraceOutcome(FAILED)
+                    yield [TraceOutcome(FAILED) for _ in alone.trees]
                     continue
-                outcome, totals, errors = result
+                outcomes, totals, errors = result
                 sink.errors += errors
                 sink.pass_on()
-                alone.totals.merge(totals)
-                alone.reaction.take(outcome)
-                yield outcome
+                for tree, own, outcome in zip(alone.trees, totals, outcomes, strict=True):
+                    tree.totals.merge(own)
+                    tree.reaction.take(outcome)
+                yield outcomes

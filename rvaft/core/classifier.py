@@ -15,6 +15,7 @@ from functools import cached_property
 from typing import Final, Generic, NamedTuple, TypeAlias, TypeVar
 
 from rvaft.model.assumptions import fields_read
+from rvaft.model.event_time import EventTime
 from rvaft.model.guards import OPERATORS, ORDERINGS, Guard, Operation, Predicate, predicate, renamed
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import (
@@ -149,6 +150,10 @@ class PatternIndex(Generic[T]):
             tuple(number for number in candidates if number in self._flat and self._flat[number].fits(event)),
             tuple(number for number in candidates if number not in self._flat),
         )
+        return self.result(decided)
+
+    def result(self, decided: Decided) -> T:
+        """Return the result of a classification."""
         found = self._derived.get(decided)
         if found is None:
             if len(self._derived) >= MEMORY:
@@ -217,17 +222,17 @@ class Discriminators:
     """The discriminating fields of some patterns, usually one such as `topic`.
 
     Every pattern with a string literal has one in a discriminating field. The values there limit
-    the patterns that an event can match.
+    the patterns that an event can match. `fields` are discriminating fields that are known already.
     """
 
-    def __init__(self, patterns: Iterable[Pattern]) -> None:
+    def __init__(self, patterns: Iterable[Pattern], fields: Iterable[str] = ()) -> None:
         strings = [
             {field: value for field, value in literals_of(pattern).items() if isinstance(value, str)}
             for pattern in patterns
         ]
         # Greedy cover: the most frequent field first.
-        cover: list[str] = []
-        left = [literals for literals in strings if literals]
+        cover = list(fields)
+        left = [literals for literals in strings if literals and literals.keys().isdisjoint(cover)]
         while left:
             cover.append(Counter(field for literals in left for field in literals).most_common(1)[0][0])
             left = [literals for literals in left if cover[-1] not in literals]
@@ -299,22 +304,30 @@ class Reads:
 
 class TreeReads:
     """The fields that a monitor reads: those of runtime events, `ignore`, `time`, assumptions and
-    the paths `also`.
+    the paths `also`. `others` are further trees that are monitored on the same log.
     """
 
-    def __init__(self, tree: RVAFT, also: Iterable[tuple[str, ...]] = ()) -> None:
-        self.patterns = (
+    def __init__(
+        self, tree: RVAFT, also: Iterable[tuple[str, ...]] = (), *, others: Iterable["TreeReads"] = ()
+    ) -> None:
+        more = tuple(others)
+        own = (
             *(relevant.pattern for relevant in tree.alphabet),
             *(tree.instantiate(ignore.on) for ignore in tree.ignores),
         )
-        self.discriminators = Discriminators(self.patterns)
-        self.time = tree.time
-        self._always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]
+        self.patterns: tuple[Pattern, ...] = (*own, *(pattern for one in more for pattern in one.patterns))
+        each = [Discriminators(own), *(one.discriminators for one in more)]
+        known = dict.fromkeys(name for one in each for name in one.fields) if more else ()
+        self.discriminators: Discriminators = Discriminators(self.patterns, known)
+        times = [*([tree.time] if tree.time else []), *(time for one in more for time in one.times)]
+        self.times: tuple[EventTime, ...] = tuple(dict.fromkeys(times))
+        self.always: list[Pattern] = [ObjectPattern(((name, Anything()),)) for name in self.discriminators.fields]
+        self.always += [pattern for one in more for pattern in one.always]
         for path in dict.fromkeys((*also, *([tree.time.field] if tree.time else []), *fields_read(tree))):
             at: Pattern = Variable("_")
             for name in reversed(path):
                 at = ObjectPattern(((name, at),))
-            self._always.append(at)
+            self.always.append(at)
         self._known: dict[tuple[Hashable, ...], Reads] = {}
 
     def of(self, event: Mapping[str, Json]) -> Reads:
@@ -326,7 +339,7 @@ class TreeReads:
         known = self._known.get(values)
         if known is None:
             known = self._known[values] = Reads()
-            for pattern in self._always:
+            for pattern in self.always:
                 known.add(pattern)
             for number in self.discriminators.candidates(values):
                 known.add(self.patterns[number])

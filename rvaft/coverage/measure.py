@@ -31,7 +31,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Awaited
 from rvaft.readers.json_lines import read
-from rvaft.stream import bulk
+from rvaft.stream import sources
 from rvaft.stream.data_warnings import DataWarning, DataWarnings
 from rvaft.stream.statistics import EventKind, EventTypeIndex
 from rvaft.support.bits import bits
@@ -499,7 +499,7 @@ class Coverage:
         reads = TreeReads(self.tree)
         found = None
         if self.semantics is not Semantics.STRICT:
-            found = bulk.events_of_concern(
+            found = sources.events_of_concern(
                 reads,
                 self._types,
                 stream,

@@ -28,6 +28,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, decimal, is_finite
 from rvaft.model.verdict import Semantics
 from rvaft.readers.json_lines import decode
+from rvaft.stream import pipeline
 from rvaft.stream.checkpoint import packed, unpacked
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.detection import counted, detection, places
@@ -295,7 +296,7 @@ class _KeyRun:
                     refusals.append(str(error))
 
         try:
-            for _ in () if self._failure else self._run.read(events(), ""):
+            for _ in () if self._failure else pipeline.read([self._run], events(), ""):
                 if self._listener.rows:
                     yield from self._listener.rows
                     self._listener.rows.clear()

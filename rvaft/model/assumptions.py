@@ -8,14 +8,14 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from itertools import takewhile
 from math import inf, isfinite
-from typing import Any, Final, NamedTuple, TypeAlias, assert_never, cast
+from typing import Any, Final, NamedTuple, Protocol, TypeAlias, assert_never, cast
 
 from rvaft.model.event_time import EventTime, duration_text
 from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, Sort, value, walk
 from rvaft.model.nodes import Assumption, On, ValueType
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, equal, is_finite, is_number
+from rvaft.model.values import Exact, Json, equal, is_finite, is_number
 from rvaft.support.terminal import readable_json
 
 Path: TypeAlias = tuple[str | int, ...]
@@ -174,6 +174,27 @@ class _Shape:
         )
 
 
+_TYPES: Final[Mapping[ValueType, frozenset[type]]] = {
+    ValueType.TEXT: frozenset({str}),
+    ValueType.NUMBER: frozenset({int, float, Exact}),
+    ValueType.INTEGER: frozenset({int}),
+    ValueType.BOOLEAN: frozenset({bool}),
+}
+"""The Python types all of whose finite values belong to a type."""
+
+
+class Columns(Protocol):
+    """Events with the same fields, by columns."""
+
+    events: Sequence[Mapping[str, Json]]
+
+    def values(self, field: str) -> Sequence[Json]:
+        """Return the values of a field."""
+
+    def types(self, field: str) -> set[type]:
+        """Return the Python types of the values."""
+
+
 class AssumptionCheck:
     """Finds the events of one trace that break the assumptions of a tree.
 
@@ -199,6 +220,39 @@ class AssumptionCheck:
             yield from (path for path, _ in (*shape.literals, *shape.lengths))
             yield from (path for path, _, _ in shape.parameters)
         yield from (path for path, _, _ in self._tests)
+
+    @property
+    def is_flat(self) -> bool:
+        """Whether all values are those of fields of an event, and each event is checked by itself."""
+        flat = all(len(path) == 1 and isinstance(path[0], str) for path in self.paths)
+        return flat and self.assumptions <= {Assumption.TYPES, Assumption.PRESENT, Assumption.EXACT}
+
+    @property
+    def literals(self) -> Iterator[Mapping[str, Json]]:
+        """The literals of each event type, by field, of a check that is flat."""
+        return ({str(path[0]): literal for path, literal in shape.literals} for shape in self._shapes)
+
+    def is_kept(self, events: Columns) -> bool:
+        """Whether events with the same fields and literals keep the assumptions; False is uncertain.
+
+        The check must be flat.
+        """
+        first = events.events[0]
+        parameters = (one for shape in self._shapes if shape.fits(first) for one in shape.parameters)
+        fields = ((str(path[0]), type_) for path, _, type_ in parameters)
+        return all(self._is_kept(events, field, type_, present=field in first) for field, type_ in fields)
+
+    def _is_kept(self, events: Columns, field: str, type_: ValueType, *, present: bool) -> bool:
+        types = events.types(field) if present else {type(None)}
+        if type(None) in types:
+            return Assumption.PRESENT not in self.assumptions and len(types) == 1
+        if Assumption.TYPES in self.assumptions and not types <= _TYPES.get(type_, types):
+            return False
+        timed = Assumption.TYPES in self.assumptions and type_ is ValueType.TIME
+        if timed and (self._time is None or not all(map(self._time.reads, events.values(field)))):
+            return False
+        inexact = Assumption.EXACT in self.assumptions and not types.isdisjoint({int, float, Exact})
+        return not (inexact and any(map(is_inexact, events.values(field))))
 
     def broken(self, event: Json) -> tuple[Violation, ...]:
         """Return the assumptions that the next event breaks, each at most once per cause."""

@@ -275,7 +275,7 @@ class EventTime:
         >>> EventTime(("ts",), TimeFormat.MILLISECONDS).read({"ts": "1.5"})
         1500000
         """
-        return self._value(at(event, self.field))
+        return self.of(at(event, self.field))
 
     def reader(self) -> Callable[[Json], int | None]:
         """Return `read` as a function for many events.
@@ -304,9 +304,10 @@ class EventTime:
 
     def reads(self, value: Json) -> bool:
         """Whether a value of the time field can be read."""
-        return self._value(value) is not None
+        return self.of(value) is not None
 
-    def _value(self, value: Json) -> int | None:
+    def of(self, value: Json) -> int | None:
+        """Return the time of a value of the time field in nanoseconds, or None if undefined."""
         # equal numbers with all their digits may be different times
         return _remembered(self.format, value) if type(value) in _SCALARS else _read(self.format, value)
 

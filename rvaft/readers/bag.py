@@ -93,10 +93,10 @@ class BagReader(LogReader):
 
 def require_nanoseconds(log: Log, whose: str) -> None:
     """Raise `OptionError` if the tree of a log reads the field `time`, which has nanoseconds, in another format."""
-    time = log.reads.time if isinstance(log.reads, TreeReads) else None
-    if time is not None and time.field == (TIME,) and time.format is not TimeFormat.NANOSECONDS:
-        problem = f"the tree reads `{TIME}` as {time.format}, but {whose} has it as ns"
-        raise OptionError(f"{problem}: write `time {TIME} as ns`")
+    for time in log.reads.times if isinstance(log.reads, TreeReads) else ():
+        if time.field == (TIME,) and time.format is not TimeFormat.NANOSECONDS:
+            problem = f"the tree reads `{TIME}` as {time.format}, but {whose} has it as ns"
+            raise OptionError(f"{problem}: write `time {TIME} as ns`")
 
 
 class _Unread(ValueError):

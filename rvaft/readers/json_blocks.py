@@ -10,7 +10,7 @@ from contextlib import suppress
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from operator import attrgetter, methodcaller
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias, TypedDict
+from typing import Any, Final, TypeAlias, TypedDict
 
 import msgspec
 
@@ -18,10 +18,9 @@ from rvaft.core.classifier import Reads, TreeReads, brief
 from rvaft.errors import TraceError
 from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
-from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, JsonObject, Scalar, finite_decimal
+from rvaft.model.values import Json, Scalar, finite_decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
-from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, failures_of, unreadable
+from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Batch, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
@@ -35,6 +34,7 @@ _SHORT: Final = 2 * MAX_DEPTH
 """Shorter lines have neither too many levels nor too many digits."""
 _DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
 _OF_NUMBERS: Final = b"0123456789.+-eE"
+_NESTED: Final = frozenset({dict, list})
 _STRETCH: Final = 29_000
 """Bytes per call when keys are counted."""
 _REFUSED: Final = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
@@ -45,21 +45,6 @@ _Value: TypeAlias = Scalar | msgspec.UnsetType
 _Values: TypeAlias = _Value | tuple[_Value, ...]
 _DOUBT: Final = ("doubt",)
 """Marks a line for `rvaft.readers.json_lines`."""
-
-
-class EventBlock(NamedTuple):
-    """Consecutive events: the total, and the possibly relevant ones with their places, from 0.
-
-    If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
-    values (or tuples of values), with `msgspec.UNSET` for missing ones. `lines` has the line of each
-    event, or is empty.
-    """
-
-    total: int
-    events: Sequence[tuple[int, JsonObject]]
-    passed: Sequence[int] = ()
-    kept: Sequence[Json] = ()
-    lines: Sequence[int | None] = ()
 
 
 def _blocks(
@@ -115,16 +100,15 @@ def plain_fields(reads: TreeReads, also: Iterable[str] = ()) -> Sequence[str]:
     return fields if plain and reads.discriminators.fields and len(patterns) == len(reads.patterns) else ()
 
 
-def exact_time(tree: RVAFT) -> str | None:
-    """Return the time field if times are exact numbers."""
-    time = tree.time
-    return time.field[0] if time is not None and time.format in NUMERIC and len(time.field) == 1 else None
+def exact_times(reads: TreeReads) -> frozenset[str]:
+    """Return the time fields whose times are exact numbers."""
+    return frozenset(time.field[0] for time in reads.times if time.format in NUMERIC and len(time.field) == 1)
 
 
 class JsonBlockReader:
-    """Reads logs for one tree; `possible` tests discriminating values for relevance.
+    """Reads logs for some trees; `possible` tests discriminating values for relevance.
 
-    Only `fields` are decoded, or `whole` possible events; numbers in the field `time` are exact.
+    Only `fields` are decoded, or `whole` possible events; numbers in the fields `exact` keep all digits.
     Several discriminating values are a tuple. The `kept` fields are returned for every event.
     """
 
@@ -134,7 +118,7 @@ class JsonBlockReader:
         possible: Callable[[Iterable[Hashable]], bool],
         fields: Sequence[str],
         *,
-        time: str | None,
+        exact: frozenset[str] = frozenset(),
         strict: bool,
         kept: Sequence[str] = (),
         whole: bool = False,
@@ -144,7 +128,7 @@ class JsonBlockReader:
         self._whole = whole
         self._possible = possible
         self._discriminating = reads.discriminators.fields
-        assert time not in kept, "what is kept is no more exact than a double"
+        assert exact.isdisjoint(kept), "what is kept is no more exact than a double"
         self._kept = tuple(kept)
         # Booleans go to the other reader, since 1 equals True in Python
         types = {
@@ -152,10 +136,10 @@ class JsonBlockReader:
             for field in (*fields, *self._discriminating)
         }
         # msgspec calls a float hook only for values of type Any
-        read = {field: Any if field == time else types[field] for field in fields}
+        read = {field: Any if field in exact else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=finite_decimal)
-        self._time = time
+        self._exact = exact
         head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
         names = {f"f{number}": field for number, field in enumerate(head_fields)}
         # without garbage collection: heads live briefly and hold no references
@@ -187,7 +171,7 @@ class JsonBlockReader:
         line: int = 1,
         live: bool = False,
         reached: Callable[[int, int], None] = lambda _size, _lines: None,
-    ) -> Iterator[EventBlock]:
+    ) -> Iterator[Batch]:
         """Yield all events of a stream in blocks; raises `TraceError` after the events before it.
 
         `line` is the number of the first line; a `live` stream is read as it arrives. `reached` is
@@ -219,7 +203,7 @@ class JsonBlockReader:
             if sound is not None:
                 reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
-                yield EventBlock(len(found), events, passed, kept, range(first, first + len(found)))
+                yield Batch(len(found), events, passed, kept, range(first, first + len(found)))
                 continue
             events = []
             blank: list[int] = []
@@ -241,7 +225,7 @@ class JsonBlockReader:
                         before = bisect_left(passed, place)
                         reached(size - len(text) + sum(map(len, lines[:place])) + place, place)
                         passed, kept = _without(blank, passed[:before]), kept[:before]
-                        yield EventBlock(place - len(blank), events, passed, kept, _lines(first, place, blank))
+                        yield Batch(place - len(blank), events, passed, kept, _lines(first, place, blank))
                         raise
                 if event is None:
                     blank.append(place)
@@ -249,7 +233,7 @@ class JsonBlockReader:
                     events.append((place - len(blank), event))
             reached(size, len(lines) - (not text.endswith(b"\n")))
             every = _lines(first, len(found), blank)
-            yield EventBlock(len(found) - len(blank), events, _without(blank, passed), kept, every)
+            yield Batch(len(found) - len(blank), events, _without(blank, passed), kept, every)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """Return the decoded events of a block, or None if there may be hidden errors.
@@ -281,12 +265,12 @@ class JsonBlockReader:
             self._skeletons.add(skeleton)
         with suppress(*_REFUSED):
             heads: list[_Line] = self._event.decode_lines(text)
-            if len(heads) == len(lines) and (self._time is None or not any(map(self._is_nested, heads))):
+            if len(heads) == len(lines) and not (self._exact and any(map(self._is_nested, heads))):
                 return heads
         return None
 
     def _is_nested(self, event: dict[str, Json]) -> bool:
-        return self._time is not None and type(event.get(self._time)) in (dict, list)
+        return bool(self._exact) and not _NESTED.isdisjoint(map(type, map(event.get, self._exact)))
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
         """Return the decoded lines, their discriminating values (or `_DOUBT`), and kept values."""

@@ -21,12 +21,12 @@ from itertools import count
 from math import isfinite
 from pathlib import Path
 from tempfile import NamedTemporaryFile
-from typing import BinaryIO, ClassVar, Final, Self, TypeAlias
+from typing import BinaryIO, ClassVar, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.classifier import Scope, TreeReads
 from rvaft.errors import OptionError, TraceError
 from rvaft.model.patterns import ObjectPattern
-from rvaft.model.values import NUMBER, Json, decimal
+from rvaft.model.values import NUMBER, Json, JsonObject, decimal
 from rvaft.support.files import SUFFIXES, damage, opened
 
 MAX_LINE: Final = 64 * 1024 * 1024
@@ -267,6 +267,21 @@ class Log:
     def is_malformed(self, events: int) -> bool:
         """Whether rejected records are an error, given the number of events."""
         return self.rejected > 0 and not (self.reader.lenient and events)
+
+
+class Batch(NamedTuple):
+    """Consecutive events: the total, and the possibly relevant ones with their places, from 0.
+
+    If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
+    values (or tuples of values), with `msgspec.UNSET` for missing ones. `lines` has the line of each
+    event, or is empty.
+    """
+
+    total: int
+    events: Sequence[tuple[int, JsonObject]]
+    passed: Sequence[int] = ()
+    kept: Sequence[Json] = ()
+    lines: Sequence[int | None] = ()
 
 
 class LogReader(ABC):

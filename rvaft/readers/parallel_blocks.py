@@ -13,8 +13,9 @@ from io import BufferedIOBase
 from typing import Final
 
 from rvaft.errors import TraceError
-from rvaft.readers.json_blocks import EventBlock, JsonBlockReader
+from rvaft.readers.json_blocks import JsonBlockReader
 from rvaft.readers.json_lines import MAX_DEPTH
+from rvaft.readers.log import Batch
 from rvaft.support.processes import Killed, in_processes
 
 STRETCH: Final = 1 << 20
@@ -65,7 +66,7 @@ def read_in_processes(
     jobs: int,
     line: int = 1,
     reached: Callable[[int, int], None] = lambda _size, _lines: None,
-) -> Iterator[EventBlock]:
+) -> Iterator[Batch]:
     """Yield the blocks of a regular file from its position, the start of a line."""
     handle, begin = source.fileno(), source.tell()
     starts = range(begin, max(os.fstat(handle).st_size, begin + 1), STRETCH)
@@ -104,7 +105,7 @@ def read_in_processes(
                 raise TraceError(message, file=file, line=None if place is None else before + place)
 
 
-def _packed(batch: EventBlock) -> bytes:
+def _packed(batch: Batch) -> bytes:
     """Serialise a block, if possible with `marshal`."""
     found = tuple([] if one is batch.lines and isinstance(one, range) else list(one) for one in batch[1:])
     try:
@@ -118,6 +119,6 @@ def _packed(batch: EventBlock) -> bytes:
             sys.setrecursionlimit(limit)
 
 
-def _unpacked(data: bytes) -> EventBlock:
+def _unpacked(data: bytes) -> Batch:
     found = memoryview(data)[1:]
-    return EventBlock(*(marshal.loads(found) if data.startswith(b"m") else pickle.loads(found)))  # noqa: S301, S302
+    return Batch(*(marshal.loads(found) if data.startswith(b"m") else pickle.loads(found)))  # noqa: S301, S302

@@ -10,10 +10,11 @@ from textwrap import indent
 from typing import Any, Final, NamedTuple
 from weakref import WeakKeyDictionary
 
-from rvaft.core.branches import alternatives
+from rvaft.core.branches import alternatives, restrict
 from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.errors import RvaftError, TreeError
 from rvaft.language.draft import Draft
+from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.rules import scenarios, structure, times, types
 from rvaft.rules.rule import Finding, Rule, Severity
@@ -230,3 +231,18 @@ def page() -> str:
         sections += _SECTION.format(code=code, severity=severity, meaning=meaning, language=language)
     others = "".join(f"- `{code}`: {meanings()[code].title}. {meanings()[code].explanation}\n" for code in CODES)
     return _PAGE.format(table=table, sections=sections, others=others)
+
+
+def valid_part(tree: RVAFT, branch: int | None = None, kind: Kind | None = None) -> RVAFT:
+    """Return the tree, or its restriction to a branch or kind; raises `TreeError`."""
+    require_valid(tree)
+    part = restrict(tree, branch=branch, kind=kind)
+    try:
+        require_valid(part)
+    except TreeError as error:
+        if error.rule != "no-scenario":
+            raise
+        name = f"branch {branch}" if branch is not None else f"the part of kind {kind}"
+        message = f"{name} has no feasible scenario: nothing can be detected there"
+        raise TreeError(message, rule=error.rule, nodes=error.nodes) from error
+    return part

@@ -242,7 +242,7 @@ def _sha(data: bytes | memoryview) -> str:
 
 
 class Checkpoint(msgspec.Struct, kw_only=True):
-    """The tree, settings and trace of a checkpoint, and the position.
+    """The trees, settings and trace of a checkpoint, and the position.
 
     `offset` counts bytes after decompression. Detections up to the event `noted`, perhaps beyond
     `events`, were reported.
@@ -268,18 +268,16 @@ class CheckpointFile:
 
     path: Path
     _: KW_ONLY
-    tree: RVAFT
+    trees: Sequence[RVAFT]
     trace: Path
     every: int = EVERY
     settings: Mapping[str, str]
     noted: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
-        part, tree = self.tree.part_of, self.tree
-        whole, branch, kind = (tree, None, None) if part is None else (part.tree, part.branch, part.kind)
         self._about = Checkpoint(
             version=rvaft.__version__,
-            tree=_sha(f"{dumps(whole)}\n{branch} {kind}".encode()),
+            tree=_sha("\n".join(map(_text, self.trees)).encode()),
             settings=dict(self.settings),
         )
         self._saved = 0
@@ -406,7 +404,7 @@ class CheckpointFile:
         if found.version != about.version:
             raise self._other(f"of rvaft {found.version}, this is {about.version}")
         if found.tree != about.tree:
-            raise self._other("of another tree, or of another part of it")
+            raise self._other("of another tree, or of another part of it" if len(self.trees) == 1 else "of other trees")
         for name in sorted({*about.settings, *found.settings}):
             was, now = found.settings.get(name), about.settings.get(name)
             if was != now:
@@ -425,6 +423,12 @@ class CheckpointFile:
 
     def _other(self, which: str) -> CheckpointError:
         return CheckpointError(self.path, f"this is a checkpoint {which}: {_ANEW}")
+
+
+def _text(tree: RVAFT) -> str:
+    part = tree.part_of
+    whole, branch, kind = (tree, None, None) if part is None else (part.tree, part.branch, part.kind)
+    return f"{dumps(whole)}\n{branch} {kind}"
 
 
 def _one_line(error: BaseException) -> str:

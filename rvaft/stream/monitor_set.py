@@ -11,7 +11,6 @@ from enum import StrEnum
 from itertools import islice
 from typing import Final, Self, TypeAlias, cast
 
-from rvaft.api import narrowed
 from rvaft.core.branches import branches
 from rvaft.engine.compiled_tree import QUIET
 from rvaft.engine.monitor import Engine
@@ -21,6 +20,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Ended, Explanation, Monitor, Repetition
+from rvaft.rules import valid_part
 from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 MOST: Final = 1_000
@@ -54,7 +54,7 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
     >>> [column.title for column in columns(rvaft.loads("top or a b; a; b;"), Per.BRANCH)]
     ['φ', 'φ1', 'φ2']
     """
-    found = [Column("tree", "φ", narrowed(tree))]
+    found = [Column("tree", "φ", valid_part(tree))]
     wanted: list[tuple[str, str, int | None, Kind | None]] = []
     if per is Per.BRANCH:
         numbers = [branch.number for branch in islice(branches(tree), MOST + 1)]
@@ -67,7 +67,7 @@ def columns(tree: RVAFT, per: Per = Per.TREE) -> tuple[Column, ...]:
         wanted = [(kind.value, kind.value, None, kind) for kind in Kind if kind in present]
     for label, title, branch, kind in wanted:
         try:
-            found.append(Column(label, title, narrowed(tree, branch, kind)))
+            found.append(Column(label, title, valid_part(tree, branch, kind)))
         except TreeError as infeasible:
             if infeasible.rule != "no-scenario":
                 raise
@@ -256,6 +256,12 @@ class MonitorSet:
             serves = serves or engine.noted
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
+
+    def pass_time(self, latest: int | None) -> None:
+        """Set the maximum event time of all monitors."""
+        for column in {0, *self._live}:
+            if self.engines[column].latest != latest:
+                self.engines[column].pass_time(latest)
 
     @property
     def live_columns(self) -> tuple[int, ...]:

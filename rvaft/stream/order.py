@@ -3,9 +3,9 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from heapq import heappush, heappushpop
-from itertools import chain
+from itertools import chain, count, islice
 from math import inf
-from operator import itemgetter, le
+from operator import gt, itemgetter, le, lt
 from typing import Final, Generic, TypeAlias, TypeVar
 
 from rvaft.model.event_time import EventTime, TimeFormat
@@ -16,7 +16,9 @@ from rvaft.stream.keys import Field
 E = TypeVar("E")
 Place: TypeAlias = int | float
 DEFAULT_WINDOW: Final = 1_000
-_NUMBERS: Final = frozenset({int, float})
+_FEW: Final = 16
+"""The maximum number of events that are added one by one."""
+NUMBERS: Final = frozenset({int, float})
 _ISO: Final = EventTime((), TimeFormat.ISO8601)
 
 
@@ -82,6 +84,8 @@ class Ordering(OrderedField, Generic[E]):
         """Steps up and down in the first window."""
         self.equal = 0
         """The number of events with equal places, of a trace that the window holds."""
+        self._as_they_came = False
+        """Whether held events are sorted both by place and by number."""
 
     def add(self, event: E) -> E | None:
         """Add the next event; return the event that is due, or None while the window is not
@@ -110,6 +114,39 @@ class Ordering(OrderedField, Generic[E]):
         first = heappushpop(self.held, entry)
         self.latest = max(self.latest, first[0])
         return first[2]
+
+    def put_all(self, places: Sequence[Place | None], events: Sequence[E]) -> list[E]:
+        """Add events whose places are known, and return those that are due."""
+        known = [place for place in places if place is not None]
+        if _FEW < len(known) == len(places) and (found := self._put_sorted(known, events)) is not None:
+            return found
+        self._as_they_came = False
+        return [event for event in map(self.put, places, events) if event is not None]
+
+    def _put_sorted(self, places: Sequence[Place], events: Sequence[E]) -> list[E] | None:
+        """Add events in one step; return None, without an effect, if one is late."""
+        held = self.held
+        known = [*held, *zip(places, count(self.came + 1), events)]
+        turns = max(0, len(known) - self.window)
+        last = held[-1][0] if held else self.latest
+        if not (self._as_they_came and places and last <= places[0] and all(map(le, places, islice(places, 1, None)))):
+            known.sort(key=itemgetter(0, 1))
+            numbers = [number for _, number, _ in known]
+            self._as_they_came = all(map(lt, numbers, islice(numbers, 1, None)))
+            # each event has to be present when it is due
+            full = self.came + 1 + self.window - len(held)
+            if turns and (known[0][0] < self.latest or any(map(gt, numbers[:turns], count(full)))):
+                return None
+        due = known[:turns]
+        if self.came <= self.window:
+            self.count_steps(places[: self.window + 1 - self.came])
+        self.came += len(events)
+        self.held = known[turns:]
+        if places:
+            self.before = places[-1]
+        if due:
+            self.latest = due[-1][0]
+        return [event for _, _, event in due]
 
     def count_steps(self, places: Iterable[Place]) -> None:
         """Count the rises and falls of the next places."""
@@ -176,7 +213,7 @@ class Backwards(OrderedField):
         """Read the next events, with their numbers."""
         if self.time is None and self.holds_times is False and len(self.field.path) == 1:
             places: list[Json] = [event.get(self.field.text) for _, event in events]
-            rises = _NUMBERS.issuperset(map(type, places)) and all(map(le, chain((self.last,), places), places))
+            rises = NUMBERS.issuperset(map(type, places)) and all(map(le, chain((self.last,), places), places))
             if rises and places and places[-1] < inf:  # no earlier place is infinite or NaN
                 self.last = places[-1]
                 return

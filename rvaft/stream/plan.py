@@ -5,6 +5,7 @@ from functools import cached_property
 from typing import Final, Self
 
 from rvaft.core.classifier import TreeReads
+from rvaft.model.assumptions import AssumptionCheck
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.keys import MAX_DISTINCT, MAX_KEYS, Field, Key
 from rvaft.stream.monitor_set import MonitorSet
@@ -49,6 +50,11 @@ class MonitoringPlan:
     def reads(self) -> TreeReads:
         """The parts of an event that are read."""
         return TreeReads(self.monitors.types.tree, [field.path for field in self.fields])
+
+    def has_checked_events(self, check: AssumptionCheck) -> bool:
+        """Whether a reader of possibly relevant events reads all events whose assumptions are checked."""
+        found = self.reads.discriminators
+        return check.is_flat and all(found.candidates(found.values(literals)) for literals in check.literals)
 
 
 @dataclass(slots=True)

@@ -1,37 +1,47 @@
-"""The run over one trace: events in time order, the monitors of each key, and the listeners."""
+"""The run of one tree over one trace: the monitors of each key, the counts, and the listeners.
 
-from collections import OrderedDict
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+A batch in which nothing can change is only counted; otherwise the events are taken one by one.
+"""
+
+from collections import Counter, OrderedDict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
-from io import IOBase
-from typing import BinaryIO, Final, TypeAlias, cast
+from operator import itemgetter
+from typing import Final, TypeAlias
 
 from rvaft.engine.monitor import Engine
-from rvaft.errors import RvaftError, TooLarge
+from rvaft.errors import TooLarge
+from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.values import Json, JsonObject
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Verdict
-from rvaft.readers.json_lines import numbered
-from rvaft.readers.log import ALL, Log
+from rvaft.readers.log import Batch
+from rvaft.stream.bulk import EventGroup, changes_nothing, groups, needs_no_warning
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
-from rvaft.stream.follow import FollowedFile
 from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedTraces
+from rvaft.stream.lateness import RisingTimes
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
 from rvaft.stream.statistics import EventKind, Statistics
 
-WHOLE: Final = 1_000_000
-"""Maximum number of events of a log that backends read as a whole."""
-Source: TypeAlias = BinaryIO | Log | Iterable[Json]
-Lined: TypeAlias = tuple[int | None, JsonObject]
-"""An event after its line."""
+FEW: Final = 32
+"""Smaller blocks are not batches; also the maximum pause after failures."""
+_NO_EVENT: Final[JsonObject] = {}
+"""The stand-in for events that match no pattern."""
+KeyValues: TypeAlias = tuple[Json, ...]
+"""An irrelevant event: its values in the key fields, or () if it lacks one."""
+Turn: TypeAlias = tuple[int | None, JsonObject | KeyValues]
+"""An event, or what stands for an irrelevant one, after its line."""
+Placed: TypeAlias = tuple[int, JsonObject]
+"""An event after its place in a block, from 0."""
+Groups: TypeAlias = Sequence[tuple[EventKind, EventGroup]]
 StateBeside: TypeAlias = tuple[
     tuple[int, int],
     tuple[OrderedDict[int, JsonObject], dict[int, int | None]],
     Backwards | None,
-    Ordering[Lined] | None,
+    Ordering[Turn] | None,
     tuple[Statistics | None, DataWarnings],
     DistinctState | None,
 ]
@@ -43,8 +53,8 @@ RunState: TypeAlias = tuple[list[TraceState], StateBeside]
 class TraceRun:
     """The run over one trace; `prefix` precedes event numbers in messages.
 
-    Call `begin`, `read`, and `end` or `stop`. `number` is the last event, `detected` the last one
-    with a detection. Once the trace has `ended`, only held-back events come.
+    A `pipeline` passes it the batches of the trace. `number` is the last event, `detected` the last
+    one with a detection. Once the trace has `ended`, only held-back events come.
     """
 
     plan: MonitoringPlan
@@ -59,7 +69,7 @@ class TraceRun:
         if self.totals.semantics_hint is not None:
             self.totals.semantics_hint.forget()
         monitors, by = self.plan.monitors, self.plan.order_by
-        self.ordering: Ordering[Lined] | None = None
+        self.ordering: Ordering[Turn] | None = None
         if by is not None:
             self.ordering = Ordering(by, window=self.plan.window, time=monitors.time)
         name = TIME if monitors.time is None else ".".join(monitors.time.field)
@@ -69,11 +79,18 @@ class TraceRun:
             self.distinct = DistinctEvents(ids, self.plan.key, most, warn)
         self.clock = None if by is not None or monitors.may_be_late else Backwards(name, monitors.time)
         self.assumed = checked(monitors.types.tree, order=not monitors.engines)
+        self.assumes_in_bulk = self.assumed is None or self.plan.has_checked_events(self.assumed)
+        """Whether the assumptions, if any, can be checked for many events at once."""
         self.number = self.detected = 0
         self.lines: tuple[int, Sequence[int | None]] = 0, ()
         """A number, and the lines of the events after it."""
         self.begun = self.ended = False
-        self._coming: dict[Hashable, list[Json]] = {}
+        self.leads = True
+        """Whether the ids of events are kept with the state of this run, of several over one trace."""
+        self._tries = self._pause = 0
+        self.times: RisingTimes | None = None
+        """The times of the current batch, if none of its events is late."""
+        self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """The monitored trace; with a key, the template for each value."""
@@ -102,6 +119,13 @@ class TraceRun:
         return self.keys is not None or self.plan.monitors.counts_all
 
     @property
+    def needs_each(self) -> bool:
+        """Whether irrelevant events must be passed one at a time, not only their number."""
+        monitors = self.plan.monitors
+        all_read = self.keys is not None or not self.assumes_in_bulk or bool(self.audience.each)
+        return all_read or monitors.counts_all or monitors.may_be_late
+
+    @property
     def watches(self) -> list[MonitoredTrace]:
         """The monitored trace, or that of each key in order of first occurrence."""
         return [self.watch] if self.keys is None else self.keys.traces
@@ -117,85 +141,77 @@ class TraceRun:
         for watch in self.watches:
             self._begin_trace(watch)
 
-    def read(self, source: Source, name: str, *, line: int = 1, whole: bool = False) -> Iterator[bool]:
-        """Read all events of a source, and pause after each.
-
-        Yields False once the trace has ended; held-back events follow. `line` is the number of the
-        first line of a stream. A `whole` log is held in memory, and its events are announced to the
-        monitors. Raises what `rvaft.readers.json_lines.read` raises, and `TooLarge`.
-        """
-        self.prepare()
-        turns = self._in_turn(self._lined(source, name, line))
-        for lined in self._announced(turns) if whole else turns:
-            if lined is not None:
-                self.lines = self.number, lined[:1]
-                self.take(((0, lined[1]),), self.number)
-                self.notify_unchanged(self.number)
-            yield lined is not None
-
-    def _announced(self, turns: Iterator[Lined | None]) -> Iterator[Lined | None]:
-        """Yield the same, after announcing all events to the monitors; an error comes last."""
-        held: list[Lined | None] = []
-        failure: Exception | None = None
-        try:
-            for turn in turns:
-                held.append(turn)
-                if len(held) > WHOLE:
-                    raise TooLarge("events for monitors of backends", limit=WHOLE, remedy="omit --backend")
-        except (RvaftError, OSError) as error:
-            failure = error
-        events = [turn[1] for turn in held if turn is not None]
+    def expect(self, events: Sequence[JsonObject]) -> None:
+        """Announce all events to the monitors."""
         if self.keys is None:
             self.watch.monitors.expect(events)
         key = self.plan.key
         for event in () if key is None else events:
             if key is not None and (values := key.of(event)) is not None:
                 self._coming.setdefault(tuple(map(value_key, values)), []).append(event)
-        yield from held
-        if failure is not None:
-            raise failure
 
-    def _lined(self, source: Source, name: str, line: int) -> Iterator[Lined]:
-        stream, plan = source, self.plan
-        found: Iterator[tuple[int | None, Json]]
-        if isinstance(source, Log):
-            source.interest, stream = ALL, cast("Source", source.source)
-            found = ((source.line_read, event) for event in source.events())
-        elif isinstance(source, IOBase):
-            found = numbered(cast("BinaryIO", source), name, plan.reads, line, strict=plan.strict_json)
-        else:
-            found = ((None, event) for event in cast("Iterable[Json]", source))
-        for number, event in found:
-            # a followed file may be replaced by another
-            line_read = stream.given if isinstance(stream, FollowedFile) else number
-            if self.distinct is None or self.distinct.is_new(event, line_read):
-                yield line_read, cast("JsonObject", event)
+    def pass_over(self, total: int, lines: Sequence[int | None] = ()) -> None:
+        """Count events that do not concern the tree."""
+        self.lines = self.number, lines
+        self.number += total
+        self.watch.events += total
+        if self.totals.statistics is not None:
+            self.totals.statistics.events += total
 
-    def _in_turn(self, events: Iterable[Lined]) -> Iterator[Lined | None]:
-        """Yield events in time order, then None; an error comes last."""
-        ordering, failure = self.ordering, None
+    def process(
+        self,
+        block: Batch,
+        kinds: Mapping[int, EventKind] | None = None,
+        found: Groups | None = None,
+        *,
+        turns: bool = False,
+    ) -> Iterator[int]:
+        """Process a block as a batch if only counts change, else event by event.
+
+        `kinds` are the kinds of its events by their `id`, and `found` their groups, if they are known.
+        With `turns`, the number of an event is yielded before its step, so that runs take turns.
+        """
+        before = self.number
+        self.lines = before, block.lines
+        events = block.events if self.keys is None or not block.passed else self._with_new_keys(block)
+        monitors = self.plan.monitors
+        self.times = self._rising(events)
+        together = self.assumes_in_bulk and not (self.audience.each or monitors.counts_all)
+        together = together and (self.times is not None or not monitors.may_be_late)
         try:
-            for event in events:
-                turn = event if ordering is None else ordering.put(ordering.place(event[1]), event)
-                if turn is not None:
-                    yield turn
-        except (RvaftError, OSError) as error:
-            failure = error
-        else:
-            yield None
-        self.ended = True
-        if ordering is not None:
-            yield from ordering.rest()
-        if failure is not None:
-            raise failure
+            steps = self._in_bulk(events, before, found, turns=turns) if together and events else None
+            if steps is None:
+                filled = self._filled(events, before) if monitors.counts_all else events
+                yield from self._take(filled, before, kinds, turns=turns)
+            else:
+                yield from steps
+                self.number = before + events[-1][0] + 1
+            if self.times is not None and events:
+                self._pass_times(self.times, before, events[-1][0])
+        except TooLarge:
+            if self.keys is None:
+                self.watch.events = self.number
+            else:
+                self._count_passed(block, events, self.number - before - 1)
+            raise
+        if len(events) < block.total:
+            self._pass_over(block, events, before + block.total)
+        self.notify_unchanged(self.number)
 
-    def take(  # noqa: PLR0915
-        self, events: Iterable[tuple[int, JsonObject]], before: int, kinds: Mapping[int, EventKind] | None = None
-    ) -> None:
+    def _take(  # noqa: PLR0915
+        self,
+        events: Iterable[Placed],
+        before: int,
+        kinds: Mapping[int, EventKind] | None = None,
+        *,
+        counted: bool = False,
+        turns: bool = False,
+    ) -> Iterator[int]:
         """Step the monitors over events, in one loop for speed; `before` is the event before place
         0.
 
-        With `kinds`, by the `id` of an event, the caller checks and counts events.
+        `kinds` are known kinds by the `id` of an event. If `counted`, the caller checks and counts the
+        events. With `turns`, yield the number of an event before its step.
         """
         prefix, keys, fresh = self.prefix, self.keys, self.plan.monitors
         each, _, of_concern = self.audience
@@ -207,21 +223,27 @@ class TraceRun:
         data_warnings, semantics_hint = self.totals.data_warnings, self.totals.semantics_hint
         statistics, clock, assumed = self.totals.statistics, self.clock, self.assumed
         watch: MonitoredTrace | None = self.watch
-        late: bool | None = None
-        served, concerned = list[tuple[int, JsonObject]](), list[tuple[int, JsonObject]]()
+        late: bool | None = None if self.times is None else False
+        times = self.times
+        served, concerned = list[Placed](), list[Placed]()
         try:
             for place, event in events:
                 number = before + place + 1
+                if turns:
+                    yield number
                 self.number = number
-                if assumed is not None:
+                if assumed is not None and not counted:
                     data_warnings.note_broken(assumed, event, f"{prefix}event {number}")
                 if keys is not None:
                     value = event.get(keyed_by) if keyed_by else None
                     watch = known.get((value,)) if type(value) is str else None
                     watch = watch or keys.of(event, number)
-                if kinds is None:
-                    late = may_be_late and watch is not None and self._is_late(watch.monitors.engines[0], event)
-                    event_kind = types.late if late else look_up(event).of(event)
+                if not counted:
+                    if times is None:
+                        late = may_be_late and watch is not None and self._is_late(watch.monitors.engines[0], event)
+                    event_kind = kinds.get(id(event), types.nothing) if kinds is not None else look_up(event).of(event)
+                    if late:
+                        event_kind = types.late
                     if watch is not None and late:
                         engine = watch.monitors.engines[0]
                         data_warnings.note_late(event, number, prefix, engine.latest, engine.jumps)
@@ -239,12 +261,14 @@ class TraceRun:
                         watch.events += 1
                         if semantics_hint is not None and event_kind.entries:
                             semantics_hint.keep(id(watch), number, event)
-                else:
+                elif kinds is not None:
                     event_kind = kinds[id(event)]
                 if watch is None:
                     continue
                 if event_kind.relevant or counts_all or (event_kind.serves and not skips):
                     monitors = watch.monitors
+                    if times is not None:
+                        monitors.pass_time(times.latest(place))
                     changed = monitors.step(event, number, event_kind, late=late)
                     if monitors.concerned:
                         concerned.append((number, event))
@@ -267,6 +291,29 @@ class TraceRun:
             if clock is not None:
                 clock.see_all(concerned)
 
+    def _rising(self, events: Sequence[Placed]) -> RisingTimes | None:
+        """Return the times of events of which none is late, or None if each must be asked."""
+        time, monitors = self.plan.monitors.time, self.watch.monitors
+        if not monitors.may_be_late or self.keys is not None or time is None or len(time.field) != 1:
+            return None
+        if len(events) < FEW or not events or {dict} != set(map(type, map(itemgetter(1), events))):
+            return None
+        field = time.field[0]
+        return RisingTimes.of(time, [event.get(field) for _, event in events], monitors.engines[0].latest)
+
+    def _pass_times(self, times: RisingTimes, before: int, last: int) -> None:
+        """Note the maximum time after a batch, and its last jumps."""
+        engine = self.watch.monitors.engines[0]
+        jumps = [(before + place + 1, old, new) for place, old, new in times.jumps()]
+        found = [Jump(number, old, new, self._other_line(number)) for number, old, new in jumps]
+        engine.jumps = (*engine.jumps, *found)[-JUMPS:]
+        self.watch.monitors.pass_time(times.latest(last))
+
+    def _other_line(self, number: int) -> int | None:
+        """Return the line of an event, unless it is its number."""
+        line = self.line_of(number)
+        return None if line == number else line
+
     def _is_late(self, engine: Engine, event: JsonObject) -> bool:
         """Whether the current event is late; a jump of its time is noted with its line."""
         late, number = engine.is_late(event, self.number), self.number
@@ -274,7 +321,7 @@ class TraceRun:
             engine.jumps = (*engine.jumps[:-1], engine.jumps[-1]._replace(line=line))
         return late
 
-    def _remember(self, served: list[tuple[int, JsonObject]]) -> None:
+    def _remember(self, served: list[Placed]) -> None:
         """Keep events that an explanation may name."""
         before, lines = self.lines
         self.buffer.remember_all(served, [lines[number - before - 1] for number, _ in served] if lines else ())
@@ -301,6 +348,159 @@ class TraceRun:
         if self.audience.in_rows:
             self._notified, self._verdicts = change.number, monitors.verdicts
 
+    def _in_bulk(
+        self, events: Sequence[Placed], before: int, found: Groups | None, *, turns: bool
+    ) -> Iterator[int] | None:
+        """Return the steps over events as a batch: none if no event can change the state.
+
+        Return None if an event may cause a warning, or if a listener needs each. Places count from
+        the event `before`. After a failure the next blocks are not tried; the pause doubles up to `FEW`
+        blocks.
+        """
+        self._tries -= 1
+        keyed_by = "" if self.keys is None or len(self.keys.names) != 1 else self.keys.names[0]
+        if len(events) < FEW or self._tries > 0 or (self.keys is not None and not keyed_by):
+            return None
+        self._pause = self._tries = min(2 * self._pause + 1, FEW)
+        bodies = [event for _, event in events]
+        totals, monitors = self.totals, self.watch.monitors
+        if set(map(type, bodies)) != {dict}:
+            return None
+        if keyed_by and {str} != {type(event.get(keyed_by)) for event in bodies}:
+            return None
+        if found is None:
+            found = groups(self.plan.monitors.types, bodies)
+        if found is None:
+            return None
+        concerned, stepped = list[EventGroup](), None in map(self._watch_of, bodies)
+        for event_kind, group in found:
+            if not needs_no_warning(totals.data_warnings, group, event_kind):
+                return None
+            if self.assumed is not None and not self.assumed.is_kept(group):
+                return None
+            fits = changes_nothing(monitors, group, event_kind, keyed=bool(keyed_by))
+            stepped = stepped or fits is None
+            if fits is not False:
+                concerned.append(group)
+        if concerned and self.audience.of_concern and monitors.live:
+            return None
+        self._pause = self._tries = 0
+        if stepped:
+            return self._counted_steps(found, events, before, turns=turns)
+        self._count(found, events, before)
+        if self.clock is not None and concerned:
+            self.clock.see_all(_numbered(concerned, events, before))
+        return iter(())
+
+    def _counted_steps(self, found: Groups, events: Sequence[Placed], before: int, *, turns: bool) -> Iterator[int]:
+        """Step over events that are counted together."""
+        kinds = {id(event): kind for kind, group in found for event in group.events}
+        try:
+            yield from self._take(events, before, kinds, counted=True, turns=turns)
+        except BaseException:  # count the events so far
+            came = {id(one) for place, one in events if before + place < self.number and self._watch_of(one)}
+            some = [(kind, [one for one in group.events if id(one) in came]) for kind, group in found]
+            found = [(kind, EventGroup(group)) for kind, group in some if group]
+            raise
+        finally:
+            self._count(found, events, before)
+
+    def _count(self, found: Groups, events: Sequence[Placed], before: int) -> None:
+        """Count events that cause no warning."""
+        statistics, hint = self.totals.statistics, self.totals.semantics_hint
+        if statistics is not None:
+            for event_kind, group in found:
+                if event_kind.entries:
+                    statistics.events += len(group.events)
+                    statistics.seen |= event_kind.types
+                    if event_kind.relevant is not None:
+                        statistics.tally[event_kind.relevant] += len(group.events)
+            for number, event in _numbered([group for kind, group in found if not kind.entries], events, before):
+                statistics.add(event, number, self.prefix)
+        watches = {id(self.watch)}
+        if self.keys is None:
+            self.watch.events += sum(len(group.events) for _, group in found)
+        else:
+            values = Counter(event[self.keys.names[0]] for _, group in found for event in group.events)
+            known = [(self.keys.known[value,], number) for value, number in values.items()]
+            watches = {id(watch) for watch, _ in known}
+            for watch, number in known:
+                if watch is not None:
+                    watch.events += number
+        if hint is not None and not all(map(hint.is_full, watches)):
+            for number, event in _numbered([group for kind, group in found if kind.entries], events, before):
+                hint.keep(id(self._watch_of(event)), number, event)
+
+    def _watch_of(self, event: JsonObject) -> MonitoredTrace | None:
+        """Return the monitored trace of an event, or None for a new key."""
+        keys = self.keys
+        return self.watch if keys is None else keys.known.get((event[keys.names[0]],))
+
+    def _with_new_keys(self, block: Batch) -> Sequence[Placed]:
+        """Return the events, with a stand-in for the first of each new key."""
+        keys = self.keys
+        assert keys is not None, "only events with keys are kept by them"
+        new = [values for values in dict.fromkeys(block.kept) if not self._is_known(values)]
+        if not new:
+            return block.events
+        names = [field.text for field in keys.key.fields]
+        also = [(block.passed[block.kept.index(values)], dict(zip(names, values, strict=False))) for values in new]
+        return sorted([*block.events, *also], key=itemgetter(0))
+
+    def _is_known(self, values: KeyValues) -> bool:
+        """Whether this key, or for () its absence, is known."""
+        keys = self.keys
+        assert keys is not None, "only events with keys are kept by them"
+        if values not in keys.known:
+            watch = keys.find(values)
+            if watch is None and (values or not keys.lacking):
+                return False
+            keys.known[values] = watch
+        return True
+
+    def _count_passed(self, block: Batch, events: Sequence[Placed], end: int) -> None:
+        """Count the skipped events before place `end` for their keys."""
+        keys = self.keys
+        assert keys is not None, "only events with keys are kept by them"
+        looked_at = {place for place, _ in events}
+        passed = zip(block.passed, block.kept, strict=True)
+        for values, number in Counter(key for place, key in passed if place < end and place not in looked_at).items():
+            if not self._is_known(values):
+                continue
+            watch = keys.known[values]
+            if watch is None:
+                keys.lacking += number
+            else:
+                watch.events += number
+
+    def _pass_over(self, block: Batch, events: Sequence[Placed], last: int) -> None:
+        """Count the skipped events of a block."""
+        passed = block.total - len(events)
+        if self.plan.monitors.counts_all:
+            self._fill(last + 1)
+        if self.totals.statistics is not None:
+            self.totals.statistics.events += passed
+        self.number = last
+        if self.keys is None:
+            self.watch.events += passed
+        else:
+            self._count_passed(block, events, block.total)
+
+    def _filled(self, events: Iterable[Placed], before: int) -> Iterator[Placed]:
+        """Yield events, after stepping over irrelevant ones."""
+        for place, event in events:
+            self._fill(before + place + 1)
+            yield place, event
+
+    def _fill(self, number: int) -> None:
+        """Step monitors over irrelevant events, which `strict` and backends count."""
+        monitors = self.watch.monitors
+        kind = self.plan.monitors.types.of(_NO_EVENT)
+        while monitors.live and self.number + 1 < number:
+            self.number += 1
+            if changed := monitors.step(_NO_EVENT, self.number, kind):
+                self.notify(VerdictChange(self.watch, self.number, _NO_EVENT, changed, self.line_of(self.number)))
+
     @property
     def state(self) -> RunState:
         """The state for `restore`."""
@@ -311,7 +511,7 @@ class TraceRun:
         """The state besides that of the monitored traces."""
         lacking = (0, 0) if self.keys is None else (self.keys.lacking, self.keys.first_lacking)
         totals = (self.totals.statistics, self.totals.data_warnings)
-        ids = None if self.distinct is None else self.distinct.state
+        ids = self.distinct.state if self.distinct is not None and self.leads else None
         return lacking, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals, ids
 
     def restore(self, state: RunState, number: int) -> None:
@@ -369,3 +569,8 @@ class TraceRun:
         for part in (self.keys, self.clock, self.ordering, self.distinct):
             if part is not None:
                 yield from part.warnings
+
+
+def _numbered(some: Iterable[EventGroup], events: Iterable[Placed], before: int) -> list[Placed]:
+    wanted = {id(event) for one in some for event in one.events}
+    return [(before + place + 1, event) for place, event in events if id(event) in wanted]

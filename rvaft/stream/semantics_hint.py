@@ -8,7 +8,7 @@ from functools import cached_property
 from time import monotonic
 from typing import Final
 
-from rvaft.api import monitor
+from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -40,7 +40,7 @@ class SemanticsHint:
 
     @cached_property
     def _fresh(self) -> Monitor:
-        return monitor(self._tree, semantics=Semantics.SCATTERED, limit=LIMIT)
+        return Engine(self._tree, Semantics.SCATTERED, limit=LIMIT)
 
     def keep(self, watch: int, number: int, event: Json) -> None:
         """Keep an event for that trace or key; without room, keep only its number."""

@@ -4,6 +4,7 @@ import json
 from collections import Counter
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import chain
 from typing import Final, cast
 
@@ -103,12 +104,13 @@ class EventTypeIndex:
         ]
         """By letter: tests without and with the guard."""
         also = dict.fromkeys(pattern for one in engines for pattern in one.patterns)
-        self._patterns = (*(one.pattern for _, _, one in letters), *also)
-        self.shapes = PatternIndex(self._patterns, self._table)
+        self.patterns = (*(one.pattern for _, _, one in letters), *also)
+        self.shapes = PatternIndex(self.patterns, self._table)
         self.late = EventKind(classes=(EventClass(),) * len(engines))
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
-        self._read = reads.patterns
+        self.read = reads.patterns
+        """The patterns that a reader of logs selects events by."""
         self.others: dict[str, dict[str, None]] = {}
         """By discriminating field: texts of irrelevant events, at most `OTHERS`."""
         self.impossible: set[tuple[Hashable, ...]] = set()
@@ -119,7 +121,7 @@ class EventTypeIndex:
         for pattern in reads.patterns:
             for name, value in pattern.fields if isinstance(pattern, ObjectPattern) else ():
                 if name in self._meant and isinstance(value, Literal) and isinstance(value.value, str):
-                    self._meant[name][_spelling(value.value)] = value.value
+                    self._meant[name][spelling(value.value)] = value.value
         fields = ((name, tuple(_leaves(letter.pattern))) for name, letter in entries)
         self.compound = tuple(dict.fromkeys(one for one in fields if len(one[1]) > 1))
 
@@ -138,7 +140,7 @@ class EventTypeIndex:
 
         checks: dict[tuple[int, ...], WarningChecks] = {}
         table: GuardTable[EventKind | EventClass] = guard_table(tests, derive)
-        possible = {self._patterns[number] for number in chain(*decided)}
+        possible = {self.patterns[number] for number in chain(*decided)}
         tables = cast("list[GuardTable[EventKind | EventClass]]", [one.table(possible) for one in self._engines])
         return joined_tables([table, *tables], self._joined)
 
@@ -163,11 +165,16 @@ class EventTypeIndex:
         made.serves = any(one.serving for one in made.classes)
         return made
 
+    @cached_property
+    def nothing(self) -> EventKind:
+        """The kind of an event that matches no pattern."""
+        return self.shapes.result(Decided((), ())).of({})
+
     def possible(self, values: Iterable[Hashable]) -> bool:
         """Whether such events may match, up to spelling."""
         values = tuple(values)
         meant = {
-            field: self._meant[field].get(_spelling(value), value) if isinstance(value, str) else None
+            field: self._meant[field].get(spelling(value), value) if isinstance(value, str) else None
             for field, value in zip(self.discriminators.fields, values, strict=True)
         }
         if self.discriminators.candidates(self.discriminators.values(meant)):
@@ -188,11 +195,11 @@ class EventTypeIndex:
     def may_be(self, field: str, text: str) -> bool:
         """Whether this text may match, up to spelling."""
         if field not in self._texts:
-            literals = [literals_of(pattern).get(field) for pattern in self._read]
-            texts = frozenset(_spelling(one) for one in literals if isinstance(one, str))
+            literals = [literals_of(pattern).get(field) for pattern in self.read]
+            texts = frozenset(spelling(one) for one in literals if isinstance(one, str))
             self._texts[field] = texts if all(isinstance(one, str) for one in literals) else None
         known = self._texts[field]
-        if known is None or _spelling(text) in known:
+        if known is None or spelling(text) in known:
             return True
         self._note(field, text)
         return False
@@ -323,7 +330,7 @@ def _join(others: dict[str, dict[str, None]], more: Mapping[str, Mapping[str, No
         known.update(dict.fromkeys([value for value in values if value not in known][: OTHERS - len(known)]))
 
 
-def _spelling(text: Json) -> Json:
+def spelling(text: Json) -> Json:
     """Return a normalised text: `/Command` and `command` are equal."""
     return text.strip("/ ").casefold() if isinstance(text, str) else text
 
@@ -355,7 +362,7 @@ def _only_miss(
             continue
         if miss is not None:
             return None
-        misspelt = isinstance(expected, Literal) and _spelling(expected.value) == _spelling(found)
+        misspelt = isinstance(expected, Literal) and spelling(expected.value) == spelling(found)
         if len(path) == 1 and path[0] in discriminating and not misspelt:
             return None
         miss = path, expected, None if found is UNSEEN else cut(json.dumps(found, ensure_ascii=False))

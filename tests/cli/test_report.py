@@ -16,7 +16,7 @@ from rvaft import Semantics
 from rvaft.export.svg import svg_text
 from rvaft.readers.log import open_log
 from rvaft.reports import log_report
-from rvaft.stream import bulk, listeners
+from rvaft.stream import listeners, pipeline
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.listeners import EventBuffer
 from rvaft.stream.monitor_set import MonitorSet, columns
@@ -264,7 +264,7 @@ def test_the_listener_works_without_the_command() -> None:
     going = TraceRun(plan, "row3", [notes], Totals(None, DataWarnings(monitors.types)), buffer=EventBuffer())
     going.begin()
     with open_log(str(ROW3)) as stream:
-        assert all(isinstance(more, bool) for more in bulk.read(going, stream, "row3"))
+        assert all(isinstance(more, bool) for more in pipeline.read([going], stream, "row3"))
     going.end()
     assert notes.page("tree", {"said": [], "held": []}).startswith(b"<!DOCTYPE html>")
     assert notes.left_out == []

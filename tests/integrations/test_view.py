@@ -21,6 +21,7 @@ import rvaft
 from rvaft import Semantics
 from rvaft.reports import log_report as report
 from rvaft.reports.log_report import LogReport
+from rvaft.stream import pipeline
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.keys import Key
 from rvaft.stream.listeners import EventBuffer
@@ -187,7 +188,7 @@ class _Following:
         self.cursor, self.data, self.wholes = "", dict[str, Any](), 0
 
     def read(self, events: Sequence[dict[str, Any]]) -> None:
-        for _ in self.run.read(events, "log"):
+        for _ in pipeline.read([self.run], events, "log"):
             pass
 
     def look(self, told: Any = None) -> None:

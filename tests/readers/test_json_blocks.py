@@ -18,8 +18,9 @@ from rvaft import RVAFT, TraceError, loads
 from rvaft.core.classifier import LONGEST, PatternIndex, TreeReads
 from rvaft.model.patterns import ObjectPattern, match
 from rvaft.readers import json_blocks, json_lines
-from rvaft.readers.json_blocks import EventBlock, JsonBlockReader, plain_fields
+from rvaft.readers.json_blocks import JsonBlockReader, plain_fields
 from rvaft.readers.json_lines import read
+from rvaft.readers.log import Batch
 from rvaft.stream.statistics import EventTypeIndex, Statistics
 from rvaft.support.files import opened
 from tests.tables import rows, spelled
@@ -43,12 +44,12 @@ Event = dict[str, Any]
 
 def fast(tree: RVAFT, *, dense: bool = False, strict: bool = False) -> JsonBlockReader:
     reads = TreeReads(tree)
-    found = JsonBlockReader(reads, EventTypeIndex(tree).possible, plain_fields(reads), time=None, strict=strict)
+    found = JsonBlockReader(reads, EventTypeIndex(tree).possible, plain_fields(reads), strict=strict)
     found._dense = dense
     return found
 
 
-def one_by_one(batches: Iterable[EventBlock]) -> Iterator[Event | None]:
+def one_by_one(batches: Iterable[Batch]) -> Iterator[Event | None]:
     for batch in batches:
         given = dict(batch.events)
         assert len(given) == len(batch.events)

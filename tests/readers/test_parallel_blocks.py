@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rvaft.readers import parallel_blocks
-from rvaft.stream import bulk
+from rvaft.stream import sources
 from tests.cli.runs import children, run, started, written
 from tests.tables import sampled
 
@@ -58,7 +58,7 @@ OPTIONS = (
 @pytest.mark.parametrize(("name", "options"), sampled(product(LOGS, OPTIONS), 3))
 def test_the_same_is_said(name: str, options: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parallel_blocks, "STRETCH", 2_000)
-    monkeypatch.setattr(bulk, "STRETCH", 2_000)
+    monkeypatch.setattr(sources, "STRETCH", 2_000)
     tree = written(tmp_path / "tree.rvaft", TREE)
     (tmp_path / "log.jsonl").write_bytes(LOGS[name])
 

@@ -11,7 +11,8 @@ import pytest
 
 from rvaft import Semantics
 from rvaft.readers import json_blocks
-from rvaft.stream import bulk
+from rvaft.stream import run as run_module
+from rvaft.stream import sources
 from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import TREES, lines, run
 from tests.tables import sampled
@@ -30,15 +31,15 @@ OPTIONS = [
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(json_blocks, "SIZE", 900)
-    monkeypatch.setattr(bulk, "BLOCK", 7)
-    monkeypatch.setattr(bulk, "FEW", 4)
+    monkeypatch.setattr(sources, "BLOCK", 7)
+    monkeypatch.setattr(run_module, "FEW", 4)
 
 
 def answers(monkeypatch: pytest.MonkeyPatch, *args: object) -> tuple[int, str, str]:
     """What a command prints and returns, read in bulk and event by event."""
     found = []
     for enabled in (True, False):
-        monkeypatch.setattr(bulk, "ENABLED", enabled)
+        monkeypatch.setattr(sources, "ENABLED", enabled)
         result = run(*args)
         found.append((result.exit_code, result.stdout, result.stderr))
     assert found[0] == found[1]

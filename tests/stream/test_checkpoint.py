@@ -52,7 +52,7 @@ def trace(tmp_path: Path) -> Path:
 
 
 def kept(path: Path, log: Path, **changes: Any) -> CheckpointFile:
-    return CheckpointFile(path, **{"tree": TREE, "trace": log, "settings": {"--key": "robot"}, **changes})
+    return CheckpointFile(path, **{"trees": [TREE], "trace": log, "settings": {"--key": "robot"}, **changes})
 
 
 def save(path: Path, log: Path, state: object = None, *, events: int = 1, offset: int = 15, **changes: Any) -> None:
@@ -226,9 +226,9 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"tree": rvaft.loads("top or ab bc; ab sand b a fault; bc sand b c;")}, "a checkpoint of another tree"),
-        ({"tree": narrowed(TREE, branch=1)}, "a checkpoint of another tree, or of another part of it"),
-        ({"tree": narrowed(TREE, kind="fault")}, "a checkpoint of another tree, or of another part of it"),
+        ({"trees": [rvaft.loads("top or ab bc; ab sand b a fault; bc sand b c;")]}, "a checkpoint of another tree"),
+        ({"trees": [narrowed(TREE, branch=1)]}, "a checkpoint of another tree, or of another part of it"),
+        ({"trees": [narrowed(TREE, kind="fault")]}, "a checkpoint of another tree, or of another part of it"),
         ({"settings": {}}, "of a run with --key robot, not without --key"),
         ({"settings": {"--key": "id"}}, "of a run with --key robot, not with --key id"),
         ({"settings": {"--key": "robot", "--order-by": "t"}}, "of a run without --order-by, not with --order-by t"),

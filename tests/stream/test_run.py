@@ -8,7 +8,7 @@ import json
 import math
 import os
 import pickle
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
 from random import Random
@@ -26,8 +26,10 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.readers import json_blocks
+from rvaft.readers.json_blocks import JsonBlockReader
 from rvaft.readers.json_lines import LinesRead, read
-from rvaft.stream import bulk
+from rvaft.stream import pipeline
+from rvaft.stream import run as run_module
 from rvaft.stream.data_warnings import DataWarnings, Doubt
 from rvaft.stream.keys import Field, Key
 from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
@@ -35,6 +37,7 @@ from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import Backwards, OrderedField, Ordering
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
+from rvaft.stream.sources import LogReading
 from rvaft.stream.statistics import Statistics
 from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import SAND, lines
@@ -269,6 +272,10 @@ def plan_of(
     return MonitoringPlan(monitors, **options)
 
 
+def block_reader(plan: MonitoringPlan) -> JsonBlockReader | None:
+    return LogReading([plan]).block_reader()
+
+
 def run_of(plan: MonitoringPlan, told: Told) -> TraceRun:
     totals = Totals(Statistics(plan.monitors.types), DataWarnings(plan.monitors.types))
     return TraceRun(plan, "log", [told], totals, buffer=EventBuffer(reads=plan.reads))
@@ -281,7 +288,7 @@ def outcome(plan: MonitoringPlan, data: bytes) -> Any:
         told, error = Told(), None
         run = run_of(plan, told)
         try:
-            list(bulk.read(run, io.BytesIO(data), "log", by_blocks=by_blocks))
+            list(pipeline.read([run], io.BytesIO(data), "log", by_blocks=by_blocks))
         except (TraceError, TooLarge) as failure:
             error = str(failure)
         statistics = run.totals.statistics
@@ -341,7 +348,7 @@ def test_times_late_events_and_oversights_are_the_same_however_they_are_read(lat
         plan_of(loads(TIMED.replace("LATE", late)), semantics),
         set[Doubt](),
     )
-    assert bulk.block_reader(plan) is not None
+    assert block_reader(plan) is not None
     for _ in range(20):
         events: list[dict[str, Any]] = [
             {"topic": random.choice("tuvw"), "value": random.choice(VALUES), "at": random.choice(TIMES), "x": math.nan}
@@ -401,7 +408,7 @@ def test_keys_and_orders_are_the_same_however_they_are_read(keys: str, order: st
         )
         repeat = random.random() < 0.5
         plan = plan_of(TREE, semantics, repeat=repeat, key=key, order_by=order, window=window, max_keys=most)
-        assert (bulk.block_reader(plan) is None) is (key is not None and semantics is Semantics.STRICT)
+        assert (block_reader(plan) is None) is (key is not None and semantics is Semantics.STRICT)
         outcome(plan, data)
 
 
@@ -434,7 +441,7 @@ def test_every_event_is_told_once_and_in_order(keys: str, order: str | None, sem
         said = []
         for by_blocks in (False, True):
             run = TraceRun(plan, "log", [listener := Counting()], run_of(plan, Told()).totals, buffer=EventBuffer())
-            list(bulk.read(run, io.BytesIO(lines(events).encode()), "log", by_blocks=by_blocks))
+            list(pipeline.read([run], io.BytesIO(lines(events).encode()), "log", by_blocks=by_blocks))
             said.append(listener.said)
         assert said[0] == said[1]
         assert [number for _, number, _ in said[0]] == [*range(1, 41)]
@@ -453,7 +460,8 @@ def test_a_pause_is_at_the_end_of_lines_that_were_read(order: str | None, end: s
 
     def rest(run: TraceRun, stream: LinesRead) -> Any:
         try:
-            going_on = (one for one in bulk.read(run, stream, "log", line=stream.line + 1) if one and not run.ended)
+            reading = pipeline.read([run], stream, "log", line=stream.line + 1)
+            going_on = (one for one in reading if one and not run.ended)
             pauses.extend((stream.offset, stream.line, pickle.dumps((run.state, run.number))) for _ in going_on)
         except TraceError as error:
             return run.number, run.watch.monitors.verdicts, run.watch.monitors.since, str(error)
@@ -473,12 +481,12 @@ def test_a_pause_is_at_the_end_of_lines_that_were_read(order: str | None, end: s
 
 
 def test_what_has_to_see_every_event_as_it_stands() -> None:
-    assert bulk.block_reader(plan_of(TREE)) is not None
-    assert bulk.block_reader(plan_of(TREE, key=Key.parse(["robot.id"]))) is None
-    assert bulk.block_reader(plan_of(TREE, order_by="header.stamp")) is None
+    assert block_reader(plan_of(TREE)) is not None
+    assert block_reader(plan_of(TREE, key=Key.parse(["robot.id"]))) is None
+    assert block_reader(plan_of(TREE, order_by="header.stamp")) is None
     every = Told(every=True)
     every.whole = True
-    list(bulk.read(run_of(plan_of(TREE), every), io.BytesIO(b'{"event": 1}'), "log"))
+    list(pipeline.read([run_of(plan_of(TREE), every)], io.BytesIO(b'{"event": 1}'), "log"))
     assert every.said == [(1, {"event": 1})]
 
 
@@ -487,7 +495,7 @@ def test_what_comes_is_read_when_it_comes() -> None:
     with os.fdopen(read_end, "rb") as stream, os.fdopen(write_end, "wb", buffering=0) as given:
         run = run_of(plan_of(TREE), Told())
         given.write(b'{"kind": "k", "value": 1}\n{"kind"')
-        reading = bulk.read(run, stream, "log", live=True)
+        reading = pipeline.read([run], stream, "log", live=True)
         assert (next(reading), run.number) == (True, 1)
         given.write(b': "k", "value": 2}\n')
         assert (next(reading), run.watch.monitors.verdicts) == (True, (Verdict.TRUE,))
@@ -497,6 +505,86 @@ def test_the_topic_and_time_of_a_match_are_known_where_no_pattern_has_them() -> 
     data = b'{"kind":"k","value":1,"topic":"/a","time":5}\n{"kind":"w"}\n{"kind":"k","value":2,"topic":"/b","time":4}\n'
     [(_, number, *_, times)] = outcome(plan_of(TREE, "scattered"), data)[0]
     assert (number, times) == (3, {1: (5, "/a"), 3: (4, "/b")})
+
+
+RISING = """time at as FORMAT late LATE; event e(v) = { kind: "k", value: v }; event f(v) = { kind: "w", value: v };
+    semantics scattered; top sand a b c within 9 s; a on e(X); b on f(Y) when Y != X; c on e(X);"""
+WRITTEN: Final[dict[str, list[Callable[[int], Any]]]] = {
+    "s": [lambda t: t, float, lambda t: t / 10, lambda t: t + 0.5],
+    "ms": [lambda t: t * 1000, lambda t: str(t * 1000)],
+    "ns": [lambda t: t * 10**9, lambda t: 10**31 * (t % 9 == 8) + t],
+    "iso8601": [
+        lambda t: f"2024-01-01T00:{t // 60 % 60:02}:{t % 60:02}Z",
+        lambda t: f"2024-01-01T00:{t // 60 % 60:02}:{t % 60:02}.5+0{t % 2}:00",
+        lambda t: f"2024-01-{1 + t % 40:02} 10:00",
+    ],
+}
+"""Ways to write a time of some seconds, of which some are unreadable, or fall where the seconds rise."""
+
+
+@pytest.mark.parametrize(("form", "late", "repeat"), [*product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True])])
+def test_times_that_rise_are_taken_at_once(form: str, late: str, repeat: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_module, "FEW", 2)
+    random, seen = Random(f"{form} {late} {repeat}"), set[Doubt]()
+    plan = plan_of(loads(RISING.replace("FORMAT", form).replace("LATE", late)), "scattered", repeat=repeat)
+    for write in WRITTEN[form]:
+        for _ in range(12):
+            now, events, far = 100, list[dict[str, Any]](), random.choice([1, 4, 30])
+            for _ in range(random.randint(1, 60)):
+                now += random.choice([0, 0, 1, 1, 2, far]) - random.choice([1, 8, 70]) * (random.random() < 0.02)
+                events.append({"kind": random.choice("kwo"), "value": random.choice("ab"), "at": write(now)})
+                if random.random() < 0.03:
+                    events[-1]["at"] = random.choice([None, "never", "2024-01-01T99:00:00Z", True, 1e300, [1]])
+                if random.random() < 0.03:
+                    del events[-1]["at"]
+            _, watched, *_ = outcome(plan, lines(events).encode())
+            seen |= {reason for reason, _ in watched[2]}
+    assert Doubt.TIME in seen
+    assert late == "1 min" or Doubt.LATE in seen
+
+
+ASSUMING = """time at as s; event e(v: TYPE, w) = { kind: "k", value: v, more: w }; event f(t: time) = { n: 1, u: t };
+    assume types, present, exact; semantics scattered; top sand a b; a on e(V, W); b on f(_) when true = true;"""
+ASSUMED = [1, 2.0, 2.5, 2**53, float(2**53), 9007199254740993.25, 2**70, True, None, "a", "7", [1], {"x": 1}, math.nan]
+
+
+@pytest.mark.parametrize("type_", ["text", "number", "integer", "boolean", "any"])
+@pytest.mark.parametrize("few", [True, False])
+def test_assumptions_are_checked_alike_however_they_are_read(
+    type_: str, few: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(run_module, "FEW", 2)
+    random = Random(f"{type_} {few}")
+    for text in (ASSUMING.replace("TYPE", type_), ASSUMING.replace("TYPE", type_).replace("{ n: 1, u", '{ n: "n", u')):
+        plan = plan_of(loads(text.replace(" when true = true", "")), "scattered", repeat=random.random() < 0.5)
+        broken = 0
+        for _ in range(15):
+            events: list[dict[str, Any]] = [
+                {
+                    "kind": random.choice("kkw"),
+                    "n": random.choice([1, 2, "n"]),
+                    "at": n,
+                    "u": n,
+                    "value": 1,
+                    "more": "x",
+                }
+                for n in range(random.randint(1, 30))
+            ]
+            for event in events:
+                if random.random() < (0.1 if few else 0.6):
+                    event[random.choice(["value", "more", "u"])] = random.choice(ASSUMED)
+                if random.random() < 0.05:
+                    del event[random.choice(["value", "more", "u", "kind"])]
+            found = outcome(plan, lines(events).encode())
+            broken += sum(one.count for (doubt, _), one in found[1][2].items() if doubt is Doubt.ASSUMPTION)
+        assert broken
+
+
+def test_assumptions_do_not_slow_down_the_reading_of_a_log() -> None:
+    event = 'event e(v: text) = { kind: "k", value: v };'
+    for assumed, quick in (("types, present, exact", True), ("case", False)):
+        plan = plan_of(loads(f"{event} assume {assumed}; top sand a b; a on e(V); b on e(V);"))
+        assert run_of(plan, Told()).assumes_in_bulk is quick
 
 
 # -- keys
@@ -512,7 +600,7 @@ def test_each_key_gets_the_verdicts_and_matches_of_its_events_alone(seed: int, s
     random.shuffle(turns)
     left = {name: iter(events) for name, events in traces.items()}
     run = run_of(plan_of(tree, semantics, key=Key.parse(["robot"])), Told())
-    list(run.read([{**next(left[name]), "robot": name} for name in turns], "log"))
+    list(pipeline.read([run], [{**next(left[name]), "robot": name} for name in turns], "log"))
     assert {watch.key[0] for watch in run.watches if watch.key} == set(traces)
     for watch in run.watches:
         assert watch.key is not None
@@ -533,11 +621,11 @@ def test_each_key_gets_the_verdicts_and_matches_of_its_events_alone(seed: int, s
 def test_events_without_the_key_and_too_many_keys() -> None:
     run = run_of(plan_of(TREE, key=Key.parse(["robot.id", "x"]), max_keys=2), Told())
     log = [{"robot": {"id": None}, "x": 1}, {"robot": {"id": 1}}, {}, {"robot": {"id": 1}, "x": 1}]
-    list(run.read(log, "log"))
+    list(pipeline.read([run], log, "log"))
     assert [watch.key for watch in run.watches] == [(None, 1), (1, 1)]
     assert list(run.warnings) == ["2 events without the field robot.id or x, not monitored (first: event 2)"]
     with pytest.raises(TooLarge, match=r"different values of robot.id and x") as raised:
-        list(run.read([{"robot": {"id": 1}, "x": 2}], "log"))
+        list(pipeline.read([run], [{"robot": {"id": 1}, "x": 2}], "log"))
     assert raised.value.limit == 2
 
 
@@ -549,7 +637,7 @@ OTHER = [(1, True), (0, False), ("1", 1), (None, False)]
 def test_keys_are_told_apart_as_everywhere(pair: tuple[Any, Any], values: int) -> None:
     for fields in (["k"], ["k", "m"]):
         run = run_of(plan_of(TREE, key=Key.parse(fields)), Told())
-        list(run.read([{"k": value, "m": 1} for value in pair], "log"))
+        list(pipeline.read([run], [{"k": value, "m": 1} for value in pair], "log"))
         assert len(run.watches) == values
 
 
@@ -579,7 +667,7 @@ def test_events_that_change_nothing_are_taken_at_once(
     arguments = ["monitor", str(tree), str(log), *options, *(["--semantics", semantics] if semantics else [])]
     told = []
     for few in (4, 10**9):
-        monkeypatch.setattr(bulk, "FEW", few)
+        monkeypatch.setattr(run_module, "FEW", few)
         status = main(arguments, standalone_mode=False)
         told.append((status, capsys.readouterr()))
     assert told[0] == told[1]

@@ -298,7 +298,7 @@ class EventTime:
                     digits, tens = int(whole + decimals) * factor, 10 ** len(decimals)
                     if digits % tens == 0:
                         return int(digits // tens) + begin
-            return self._value(value)
+            return self.of(value)
 
         return read
 

@@ -196,7 +196,7 @@ def _milliseconds(time: datetime) -> int:
 class _Alerts(Reporter):
     """Prints a line per detection."""
 
-    whole = True
+    whole, each_key = True, False
 
     def __init__(self, settings: MonitorSettings, sink: Sink, made: Callable[[Alert], str]) -> None:
         super().__init__(settings, sink)

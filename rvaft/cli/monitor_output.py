@@ -215,6 +215,8 @@ class Reporter(Listener):
 class _JsonLines(Reporter):
     """Prints a JSON object per event, or per detection."""
 
+    each_key = False
+
     def __init__(self, settings: MonitorSettings, sink: Sink) -> None:
         super().__init__(settings, sink)
         self.every = not settings.detections
@@ -269,6 +271,7 @@ class _Text(Reporter):
     With `drawn` each detection is drawn as the tree with the matched nodes.
     """
 
+    each_key = False
     sums = True
 
     def change(self, change: VerdictChange) -> None:
@@ -361,7 +364,7 @@ class _Table(_Text):
     paper).
     """
 
-    every, whole, sums = True, True, False
+    every, whole, sums, each_key = True, True, False, True
 
     def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002
         self._rows: list[tuple[str, ...]] = [("EVENT", *(column.title for column in self.columns))]

@@ -112,6 +112,8 @@ class TraceOutcome(NamedTuple):
 class _OnDetection(Listener):
     """Runs commands for detections, draws the first one, and counts them."""
 
+    each_key = False
+
     def __init__(self, settings: MonitorSettings, sink: Sink, *, deliver: bool) -> None:
         self.whole = bool(settings.hooks)
         self.count = 0
@@ -223,6 +225,8 @@ class _WatchedTree:
 
 class _Run(Listener):
     """Runs traces in turn, each for all trees, and sums their statistics."""
+
+    each_key = False
 
     def __init__(
         self,

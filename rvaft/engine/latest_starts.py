@@ -18,6 +18,7 @@ once for each choice.
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
+from math import inf
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.property import Property
@@ -243,6 +244,17 @@ class LatestStarts(Strategy):
     def forget(self, watermark: int) -> None:
         """Set the watermark, the minimum time of later events."""
         self._watermark = watermark
+
+    @property
+    def until(self) -> float:
+        """The greatest time of an event with which those so far can be in a match."""
+        found = -inf
+        for run, instances in zip(self.runs, self._instances, strict=True):
+            if instances and run.unit.window is None:
+                return inf
+            for state in instances.values():
+                found = max(found, state[0] + run.unit.window)
+        return found
 
     def _copied(self) -> list[dict[Name, State]]:
         return [{name: copied(state) for name, state in instances.items()} for instances in self._instances]

@@ -1,6 +1,7 @@
 """The engine as a monitor."""
 
 from collections.abc import Callable, Hashable, Mapping
+from math import inf
 from typing import Any, Final, Self
 
 from rvaft.core.passes import property_of
@@ -151,6 +152,11 @@ class Engine(Monitor):
         self._latest = time
         self._strategy.forget(time - own.late)
         return False
+
+    @property
+    def until(self) -> float:
+        """The greatest time of an event that can detect together with those so far (see `Strategy.until`)."""
+        return inf if self.verdict.final else self._strategy.until
 
     @property
     def latest(self) -> int | None:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, 
 from copy import copy
 from functools import cached_property
 from itertools import chain, combinations, product
+from math import inf
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.part_numbers import PartKind
@@ -443,6 +444,11 @@ class LinearMonitor(Measured):
                     raise TooLarge(f"events to keep for the explanation; most of them for {most}", limit=self.limit)
             self.run.fire(served, position)
         return Verdict.TRUE if self.run.detected else Verdict.UNKNOWN
+
+    @property
+    def until(self) -> float:
+        """-infinite before the first event, then infinite: there are no windows."""
+        return inf if self.run.fired or (self.useful is not None and self.useful.entries) else -inf
 
     def explain(self) -> Explanation:
         """Return a match of the lowest-numbered branch."""

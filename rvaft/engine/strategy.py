@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
+from math import inf
 from typing import Any, ClassVar, NamedTuple, Self
 
 from rvaft.engine.compiled_tree import CompiledTree, EventClass, Inert, Reading, TreeLetters
@@ -60,6 +61,14 @@ class Strategy(ABC):
 
     def forget(self, watermark: int) -> None:  # noqa: B027 (most need not)
         """Set the watermark, the minimum time of later events, and drop what it rules out."""
+
+    @property
+    def until(self) -> float:
+        """The greatest time of an event with which those so far can be in a match.
+
+        It is infinite if not known, and -infinite if no event so far can be in a match.
+        """
+        return inf
 
     @abstractmethod
     def fork(self) -> Self:

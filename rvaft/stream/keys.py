@@ -4,6 +4,7 @@ from collections import deque
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
+from math import inf
 from typing import Final, Self, TypeAlias
 
 from rvaft.errors import OptionError, TooLarge
@@ -81,6 +82,10 @@ class KeyedTraces:
 
     `fork` makes the monitored trace of a new value, and `begin` is called with it. `lacking` counts
     the events without a key field, which no monitor receives.
+
+    If `forgets` allows it, values are forgotten instead of exceeding the maximum: those that have
+    detected nothing and of which no event can matter any more, because the greatest time of all
+    values is further ahead than windows and twice the lateness. `forgotten` counts them.
     """
 
     def __init__(
@@ -89,6 +94,7 @@ class KeyedTraces:
         most: int,
         fork: Callable[[tuple[Json, ...]], MonitoredTrace],
         begin: Callable[[MonitoredTrace], object],
+        forgets: Callable[[], bool] = lambda: False,
     ) -> None:
         self.key = key
         self.lacking = self.first_lacking = 0
@@ -97,6 +103,10 @@ class KeyedTraces:
         self._most = most
         self._fork = fork
         self._begin = begin
+        self._forgets = forgets
+        self.forgotten = self.early = self.first_early = 0
+        self._horizon: float = -inf
+        """A time before which an event may need one of a forgotten value."""
         self._traces: dict[Hashable, MonitoredTrace] = {}
 
     @property
@@ -132,18 +142,67 @@ class KeyedTraces:
         trace = self._traces.get(name)
         if trace is None:
             if len(self._traces) >= self._most:
+                self._forget()
+            if len(self._traces) >= self._most:
                 what = " and ".join(field.text for field in self.key.fields)
                 remedy = "raise it with --max-keys N, or name another field"
                 raise TooLarge(f"different values of {what}", limit=self._most, remedy=remedy)
             trace = self._traces[name] = self._fork(found)
+            self._note_early(trace, event, number)
             self._begin(trace)
         if plain:
             self.known[plain] = trace
         return trace
 
+    def _forget(self) -> None:
+        """Forget the values whose events cannot matter any more, if a tenth of them can be."""
+        traces = [*self._traces.items()]
+        times = [engine.latest for _, trace in traces for engine in trace.monitors.engines[:1]]
+        time, known = traces[0][1].monitors.time, [one for one in times if one is not None]
+        if not self._forgets() or time is None or time.late is None or not known:
+            return
+        horizon = max(known) - time.late
+        kept = {name: trace for name, trace in traces if trace.monitors.until >= horizon - time.late}
+        if len(kept) > self._most * 9 // 10:
+            return
+        self.forgotten += len(self._traces) - len(kept)
+        self._horizon = max(self._horizon, horizon)
+        self._traces = kept
+        self.known.clear()
+
+    def _note_early(self, trace: MonitoredTrace, event: JsonObject, number: int) -> None:
+        """Count a new value whose first event may need one of a forgotten value."""
+        if not self.forgotten or trace.monitors.time is None:
+            return
+        time = trace.monitors.time.read(event)
+        if time is not None and time < self._horizon:
+            self.early += 1
+            self.first_early = self.first_early or number
+
+    @property
+    def state(self) -> tuple[int, ...]:
+        """What is known besides the traces, for `resume`."""
+        horizon = 0 if self._horizon == -inf else int(self._horizon)
+        return self.lacking, self.first_lacking, self.forgotten, self.early, self.first_early, horizon
+
+    def resume(self, state: tuple[int, ...]) -> None:
+        """Continue from a state."""
+        self.lacking, self.first_lacking, self.forgotten, self.early, self.first_early, horizon = state
+        self._horizon = horizon if self.forgotten else -inf
+
     @property
     def warnings(self) -> Iterator[str]:
-        """The warning about events without the key, if any."""
+        """The warnings about events without the key and about forgotten values, if any."""
+        names = " and ".join(field.text for field in self.key.fields)
+        if self.forgotten:
+            what = "that detected nothing and whose windows had passed were forgotten; --max-keys N keeps more"
+            yield f"{self.forgotten:,} values of {names} {what}"
+        if self.early:
+            why = "such an event may need one of a value that was forgotten"
+            yield (
+                f"{self.early:,} values of {names} begin with an event earlier than those of other values allow "
+                f"(first: event {self.first_early}); {why}"
+            )
         if self.lacking:
             lacking = f"{counted(self.lacking)} without the field {' or '.join(one.text for one in self.key.fields)}"
             yield f"{lacking}, not monitored (first: event {self.first_lacking})"

@@ -165,6 +165,8 @@ class Listener:
     every = False
     concerned = False
     whole = False
+    each_key = True
+    """Whether it needs all keys at the end, also those that have detected nothing."""
     reported_before = 0
     """The last event whose detections an earlier run reported."""
 

@@ -9,6 +9,7 @@ from copy import copy
 from dataclasses import KW_ONLY, InitVar, dataclass, replace
 from enum import StrEnum
 from itertools import islice
+from math import inf
 from typing import Final, Self, TypeAlias, cast
 
 from rvaft.core.branches import branches
@@ -262,6 +263,13 @@ class MonitorSet:
         for column in {0, *self._live}:
             if self.engines[column].latest != latest:
                 self.engines[column].pass_time(latest)
+
+    @property
+    def until(self) -> float:
+        """The greatest time of an event that can matter together with those so far, if none has detected."""
+        if not self.engines or self.since or any(count.last or count.suppressed for count in self.found):
+            return inf
+        return max(engine.until for engine in self.engines)
 
     @property
     def live_columns(self) -> tuple[int, ...]:

@@ -38,7 +38,7 @@ Placed: TypeAlias = tuple[int, JsonObject]
 """An event after its place in a block, from 0."""
 Groups: TypeAlias = Sequence[tuple[EventKind, EventGroup]]
 StateBeside: TypeAlias = tuple[
-    tuple[int, int],
+    tuple[int, ...],
     tuple[OrderedDict[int, JsonObject], dict[int, int | None]],
     Backwards | None,
     Ordering[Turn] | None,
@@ -95,7 +95,9 @@ class TraceRun:
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """The monitored trace; with a key, the template for each value."""
         key, most = self.plan.key, self.plan.max_keys
-        self.keys = None if key is None else KeyedTraces(key, most, self._of_key, self._begin_trace)
+        self.keys = (
+            None if key is None else KeyedTraces(key, most, self._of_key, self._begin_trace, self._may_forget_keys)
+        )
         self.prepare()
 
     def _of_key(self, values: tuple[Json, ...]) -> MonitoredTrace:
@@ -103,6 +105,9 @@ class TraceRun:
         if self._coming:
             watch.monitors.expect(self._coming[tuple(map(value_key, values))])
         return watch
+
+    def _may_forget_keys(self) -> bool:
+        return not any(listener.each_key for listener in self.listeners)
 
     def _begin_trace(self, watch: MonitoredTrace) -> None:
         for listener in self.listeners:
@@ -422,7 +427,7 @@ class TraceRun:
             self.watch.events += sum(len(group.events) for _, group in found)
         else:
             values = Counter(event[self.keys.names[0]] for _, group in found for event in group.events)
-            known = [(self.keys.known[value,], number) for value, number in values.items()]
+            known = [(self.keys.known.get((value,)), number) for value, number in values.items()]
             watches = {id(watch) for watch, _ in known}
             for watch, number in known:
                 if watch is not None:
@@ -509,16 +514,16 @@ class TraceRun:
     @property
     def state_beside(self) -> StateBeside:
         """The state besides that of the monitored traces."""
-        lacking = (0, 0) if self.keys is None else (self.keys.lacking, self.keys.first_lacking)
+        keyed = () if self.keys is None else self.keys.state
         totals = (self.totals.statistics, self.totals.data_warnings)
         ids = self.distinct.state if self.distinct is not None and self.leads else None
-        return lacking, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals, ids
+        return keyed, (self.buffer.known, self.buffer.lines), self.clock, self.ordering, totals, ids
 
     def restore(self, state: RunState, number: int) -> None:
         """Continue from a state after the event of that number."""
         watches, beside = state
         warn = self.totals.data_warnings.warn
-        lacking, (known, lines), self.clock, self.ordering, totals, ids = beside
+        keyed, (known, lines), self.clock, self.ordering, totals, ids = beside
         statistics, self.totals.data_warnings = totals
         if self.distinct is not None and ids is not None:
             self.distinct.restore(ids)
@@ -537,7 +542,7 @@ class TraceRun:
             else:
                 self.keys.restore(watch, key)
         if self.keys is not None:
-            self.keys.lacking, self.keys.first_lacking = lacking
+            self.keys.resume(keyed)
 
     def end(self) -> None:
         """Notify listeners of a regular end."""

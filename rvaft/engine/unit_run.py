@@ -218,7 +218,7 @@ class OrderedRun(UnitRun):
                 assert_never(op)
 
     def _taking(self, leaf: Leaf, done: Complete) -> Take:
-        node, slot, direct = leaf.node, HEAD + leaf.after if leaf.after >= 0 else 0, leaf.direct
+        node, slot = leaf.node, HEAD + leaf.after if leaf.after >= 0 else 0
         settled, remembers, counts = self.unit.settled[node], self.remembers, leaf.number > 1
 
         def take(state: State, position: int, time: Any, values: Any) -> Match | None:
@@ -235,7 +235,7 @@ class OrderedRun(UnitRun):
             if counts:
                 match = self._counted(state, leaf, (position, time, before, values))
                 return match and done(state, match, time)
-            return done(state, (position, time, (node, position, values), None if direct else before), time)
+            return done(state, (position, time, (node, position, values), before), time)
 
         return take
 

@@ -83,8 +83,6 @@ class Leaf(NamedTuple):
     """The variables, besides the key, in which the events of a counted leaf agree."""
     after: int
     """The node whose sequence must be complete up to it before; -1 for none."""
-    direct: bool
-    """Whether the event alone is the next part of that sequence."""
     timed: bool
     """Whether a window depends on the time of the event."""
 
@@ -107,7 +105,8 @@ class Place(NamedTuple):
 class Unit:
     """The nodes of a unit as numbers, parents first; node 0 is its root.
 
-    `settled` nodes need to be complete once; `direct` nodes are leaves with one event.
+    `settled` nodes need to be complete once; `direct` nodes are leaves with one event, the next part of a
+    sequence.
     """
 
     key: tuple[str, ...]
@@ -307,7 +306,6 @@ def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
             draft.event.count if isinstance(draft.event, Times) else 1,
             own[node],
             after[node],
-            direct[node],
             limits[node] is not None,
         )
         for node, draft in enumerate(nodes)

@@ -5,7 +5,7 @@ The reference is slow, so that long logs and many values are held against other 
 
 import pickle
 from bisect import bisect_left
-from itertools import islice
+from itertools import islice, pairwise
 from random import Random
 
 import pytest
@@ -41,6 +41,41 @@ def test_verdicts_and_explanations(order: str, seed: int) -> None:
                 compare(tree, trace, "scattered", branch=random.randint(1, 3))
                 compare(tree, trace, "scattered", kind=random.choice(("fault", "attack")))
     assert detected > 10
+
+
+CASES = [
+    # a part ends again with the start that it had
+    ("top pand a b within 100 s; b and s y; s sand p q;", "p0 q1 y2 a3 q4"),
+    ("top pand a b within 100 s; b 2of3 s y z; s sand p q;", "p0 q1 y2 a3 q4"),
+    # the children that start last, not the first ones
+    ("top 2of3 a b c within 5 s;", "a0 b9 c10"),
+    ("top 2of4 a b c d within 5 s;", "a0 c9 d10"),
+    ("top sand x v within 6 s; v 2of3 a b c;", "x0 a1 x5 b9 c10"),
+    # an event at the time of an earlier one, but after another start of the sequence
+    ("top sand a v within 3 s; v and b c;", "a0 b5 a6 b5 c7"),
+    ("top sand a v within 3 s; v and b c; b times 2;", "a0 b5 b5 a6 b5 b5 c7"),
+    # the first children that are complete before the next, not the best ones
+    ("top sand a v within 9 s; v and b c;", "a3 b4 a9 c2"),
+    # the windows of parts, and of the whole
+    ("top and g c within 9 s; g sand a b within 2 s;", "a0 b5 a6 b8 a9 c10"),
+    ("top sand g c within 9 s; g or v w within 3 s; v and a b; w and p q;", "a0 b2 p5 q7 c11"),
+]
+"""Trees, and words of letters with their times, of which only the last event detects."""
+
+
+@pytest.mark.parametrize("late", ["", " late 0 s", " late 9 s"])
+@pytest.mark.parametrize(("tree", "word"), CASES)
+def test_what_a_node_remembers(tree: str, word: str, late: str) -> None:
+    events = [
+        {"event": one.rstrip("0123456789"), "t": int(one[len(one.rstrip("0123456789")) :])} for one in word.split()
+    ]
+    if late == " late 0 s" and any(one["t"] < other["t"] for other, one in pairwise(events)):
+        return
+    engine = compare(rvaft.loads(f"time t as s{late}; {tree}"), events, "scattered")
+    assert engine is not None
+    assert engine.verdict is Verdict.TRUE
+    assert engine.explanation is not None
+    assert engine.explanation.matched[-1].event == len(events)
 
 
 @pytest.mark.parametrize("order", LATE)

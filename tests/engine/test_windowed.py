@@ -56,6 +56,7 @@ CASES = [
     ("top sand a v within 3 s; v and b c; b times 2;", "a0 b5 b5 a6 b5 b5 c7"),
     # the first children that are complete before the next, not the best ones
     ("top sand a v within 9 s; v and b c;", "a3 b4 a9 c2"),
+    ("top sand a v within 3 s; v and b c;", "a5 b6 a5 c7"),
     # the windows of parts, and of the whole
     ("top and g c within 9 s; g sand a b within 2 s;", "a0 b5 a6 b8 a9 c10"),
     ("top sand g c within 9 s; g or v w within 3 s; v and a b; w and p q;", "a0 b2 p5 q7 c11"),

@@ -83,5 +83,5 @@ def test_windows_and_ends_over_choices(semantics: Semantics, seed: int) -> None:
                 for _ in range(3):
                     found = compare(tree, trace_of(random, tree, letters, semantics), semantics)
                     told[found.verdict if found else Verdict.UNKNOWN] += 1
-    assert told[Verdict.TRUE] > 10
+    assert told[Verdict.TRUE] > 3
     assert told[Verdict.FALSE] > 10 or not semantics.ends

@@ -17,6 +17,8 @@ FAMILIES: Final = (
     "top and x y W; x or l0 l1 W; y 2of3 l2 l3 l4 W;",
     "top sand x y W; x or l0 p W; p and l1 l2; y 1of2 l3 l4 W;",
     "top 2of3 x y l4 W; x sand l0 l1; y or l2 l3 W;",
+    "top and l0 l1 o within 2 s; o or l2 l3;",
+    "top sand x l3 within 3 s; x and l0 l1 o; o 1of2 l2 l4;",
     "top sand_rl l4 v W; v 2of3 l0 s l3 W; s sand l1 l2;",
     "top and x y; x 2of3 l0 l1 s W; y or l2 s W; s or l3 l4;",
     "top 2of3 x y l4 W; x and l0 s W; y 1of2 l1 s W; s or l2 l3;",
@@ -55,7 +57,7 @@ def trace_of(random: Random, tree: RVAFT, letters: str, semantics: Semantics) ->
     """A trace that avoids a final verdict for as long as it easily can; times may go back or lack."""
     trace: list[dict[str, Any]] = []
     monitor, clock = Engine(tree, semantics), 0
-    for _ in range(random.randint(3, 8)):
+    for _ in range(random.randint(3, 8 if semantics.ends else 12)):
         for _ in range(5):
             time = clock + random.choice((-2, -1, 0, 0, 1, 1, 2))
             stamp = {"t": time} if random.random() < 0.97 else {}

@@ -30,6 +30,7 @@ GUARDED: Final = (Operator.EQ, Operator.NE, Operator.LT, Operator.GE)
 COMPARED: Final = (Operator.LE, Operator.LT, Operator.GE, Operator.GT, Operator.EQ)
 SECOND: Final = 10**9
 CHOOSING: Final = (Gate.OR, Gate.OR, Gate.VOT, Gate.VOT, Gate.AND, Gate.AND, Gate.SAND, Gate.SAND_RL)
+LONG_ENDS: Final = (Gate.PAND, Gate.AND, Gate.AND, Gate.OR, Gate.VOT)
 ENDING: Final = (Gate.PAND, Gate.PAND, Gate.PAND, Gate.OR, Gate.VOT, Gate.VOT, Gate.AND, Gate.SAND)
 
 
@@ -146,6 +147,7 @@ SHAPES: Final = {
     "shared windows": Dense(windows=0.6, sharing=0.7, letters=4, nodes=8, gates=CHOOSING),
     "heavily shared windows": Dense(windows=0.6, sharing=1.5, letters=4, nodes=8, gates=CHOOSING),
     "ends": Dense(windows=0.1, nodes=8, letters=2, gates=ENDING),
+    "many ends": Dense(windows=0.1, nodes=11, letters=3, guards=0, gate_events=0.1, gates=LONG_ENDS),
     "ends and values": Dense(windows=0.2, variables=0.5, nodes=8, gates=ENDING),
     "shared ends": Dense(windows=0.1, sharing=0.6, nodes=8, gates=ENDING),
     "time points": Dense(windows=0.2, points=0.3, nodes=8, gates=(*CHOOSING, Gate.PAND)),

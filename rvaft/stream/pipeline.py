@@ -216,14 +216,16 @@ class _Lane:
             groups: Groups = () if found is None else found.get(number, ())
             own = kinds.get(number, {}) if found is None else _kinds(groups)
             part = block
-            if not run.needs_each:
+            late = run.plan.monitors.may_be_late
+            each = run.needs_each or (late and block.times is None)
+            if not each:
                 chosen = own.keys() | {id(event) for event in odd}
                 part = block._replace(events=sorted((pairs[one] for one in chosen), key=itemgetter(0)))
             if odd:
-                part, own = _as_read(part, own, run.plan.reads, each=run.needs_each)
-            if run.needs_each:
+                part, own = _as_read(part, own, run.plan.reads, each=each)
+            if each:
                 steps.append(self._guarded(run, part, own, None))
-            elif part.events:
+            elif part.events or late:
                 steps.append(self._guarded(run, part, own, groups if found is not None else None))
             else:
                 run.pass_over(block.total, block.lines)

@@ -10,7 +10,7 @@ from contextlib import suppress
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from operator import attrgetter, methodcaller
 from pathlib import Path
-from typing import Any, Final, TypeAlias, TypedDict
+from typing import Any, Final, TypeAlias, TypedDict, cast
 
 import msgspec
 
@@ -18,9 +18,9 @@ from rvaft.core.classifier import Reads, TreeReads, brief
 from rvaft.errors import TraceError
 from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
-from rvaft.model.values import Json, Scalar, finite_decimal
+from rvaft.model.values import Json, JsonObject, Scalar, finite_decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
-from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Batch, failures_of, unreadable
+from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Batch, Times, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
@@ -109,7 +109,8 @@ class JsonBlockReader:
     """Reads logs for some trees; `possible` tests discriminating values for relevance.
 
     Only `fields` are decoded, or `whole` possible events; numbers in the fields `exact` keep all digits.
-    Several discriminating values are a tuple. The `kept` fields are returned for every event.
+    Several discriminating values are a tuple. The `kept` fields are returned for every event, or instead
+    the times in the field `timed`.
     """
 
     def __init__(
@@ -122,6 +123,7 @@ class JsonBlockReader:
         strict: bool,
         kept: Sequence[str] = (),
         whole: bool = False,
+        timed: str = "",
     ) -> None:
         self._reads = reads
         self._strict = strict
@@ -129,6 +131,9 @@ class JsonBlockReader:
         self._possible = possible
         self._discriminating = reads.discriminators.fields
         assert exact.isdisjoint(kept), "what is kept is no more exact than a double"
+        assert not (kept and timed), "values of one or the other are returned"
+        self._timed = timed
+        kept = [timed] if timed else kept
         self._kept = tuple(kept)
         # Booleans go to the other reader, since 1 equals True in Python
         types = {
@@ -186,24 +191,19 @@ class JsonBlockReader:
             different = dict.fromkeys(found)  # in order, since the first values are listed
             known = {values: self._meaning(values) for values in different if values is not _DOUBT}
             dead = {values for values, (live, _) in known.items() if not live}
+            times: Times | None = None
+            if self._timed and sound is None and kept_values is None:
+                dead = set()  # a line in doubt may have a time
             places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
             self._dense = 2 * len(places) > len(found) and not self._whole
-            passed: Sequence[int] = ()
-            kept: Sequence[_Values] = ()
-            get: Callable[[_Line], _Values] | None = self._kept_of_event if dense else self._kept_of_head
-            if kept_values is not None and not places:
-                passed, kept = range(len(found)), kept_values
-            elif get is not None and dead:
-                passed = [place for place, values in enumerate(found) if values in dead]
-                kept = (
-                    [get(heads[place]) for place in passed]
-                    if kept_values is None
-                    else [kept_values[place] for place in passed]
-                )
+            passed, kept = self._passed(heads, found, kept_values, dead, dense=dense)
+            if self._timed and dead:
+                values_ = kept_values if sound is None else [event.get(self._timed) for event in sound]
+                times = self._times(values_ or (), lines, file, first)
             if sound is not None:
                 reached(size, len(lines) - (not text.endswith(b"\n")))
                 events = [(place, sound[place]) for place in places] if dead else list(enumerate(sound))
-                yield Batch(len(found), events, passed, kept, range(first, first + len(found)))
+                yield Batch(len(found), events, passed, kept, range(first, first + len(found)), times)
                 continue
             events = []
             blank: list[int] = []
@@ -233,7 +233,41 @@ class JsonBlockReader:
                     events.append((place - len(blank), event))
             reached(size, len(lines) - (not text.endswith(b"\n")))
             every = _lines(first, len(found), blank)
-            yield Batch(len(found) - len(blank), events, _without(blank, passed), kept, every)
+            yield Batch(len(found) - len(blank), events, _without(blank, passed), kept, every, times)
+
+    def _passed(
+        self,
+        heads: Sequence[_Line],
+        found: Sequence[Hashable],
+        values: Sequence[_Values] | None,
+        dead: set[Hashable],
+        *,
+        dense: bool,
+    ) -> tuple[Sequence[int], Sequence[_Values]]:
+        """Return the places of irrelevant events, with their values in the kept fields."""
+        get: Callable[[_Line], _Values] | None = self._kept_of_event if dense else self._kept_of_head
+        if get is None or self._timed or not dead:
+            return (), ()
+        if values is not None and dead.issuperset(found):
+            return range(len(found)), values
+        passed = [place for place, one in enumerate(found) if one in dead]
+        return passed, [get(heads[place]) if values is None else values[place] for place in passed]
+
+    def _times(self, values: Sequence[_Values], lines: Sequence[bytes], file: str, first: int) -> Times:
+        """Return the times of a block of lines without doubts."""
+
+        def exact(place: int) -> Json:
+            found = _decoded(self._event, lines[place])
+            return (event(place) if found is None else found).get(self._timed)
+
+        def event(place: int) -> JsonObject:
+            found = event_on(lines[place], file, first + place, self._reads, strict=self._strict)
+            assert found is not None, "a blank line is in doubt"
+            return found
+
+        known = [None if value is msgspec.UNSET else value for value in values]
+        every = lambda: [(place, event(place)) for place in range(len(lines))]  # noqa: E731
+        return Times(cast("Sequence[Json]", known), exact, every)
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """Return the decoded events of a block, or None if there may be hidden errors.

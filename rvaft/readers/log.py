@@ -269,12 +269,24 @@ class Log:
         return self.rejected > 0 and not (self.reader.lenient and events)
 
 
+class Times(NamedTuple):
+    """The values of a time field in each event of a batch that lacks irrelevant ones; None if missing.
+
+    They may have lost digits; `exact` returns that of an event by its place, and `events` all events with
+    their places.
+    """
+
+    values: Sequence[Json]
+    exact: Callable[[int], Json]
+    events: Callable[[], Sequence[tuple[int, JsonObject]]]
+
+
 class Batch(NamedTuple):
     """Consecutive events: the total, and the possibly relevant ones with their places, from 0.
 
     If a reader keeps fields of all events, `passed` has the places of the others, and `kept` their
     values (or tuples of values), with `msgspec.UNSET` for missing ones. `lines` has the line of each
-    event, or is empty.
+    event, or is empty. `times` has the times of all events, if a reader was asked for them.
     """
 
     total: int
@@ -282,6 +294,7 @@ class Batch(NamedTuple):
     passed: Sequence[int] = ()
     kept: Sequence[Json] = ()
     lines: Sequence[int | None] = ()
+    times: Times | None = None
 
 
 class LogReader(ABC):

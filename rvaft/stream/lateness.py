@@ -5,9 +5,9 @@ it is late for the events before the batch, and the parsed times are those of ev
 """
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
-from operator import le
+from operator import le, lt
 from typing import Final, cast
 
 from rvaft.model.event_time import JUMPS, NUMERIC, EventTime, TimeFormat
@@ -19,13 +19,29 @@ _LAYOUT: Final = str.maketrans("123456789", "000000000")
 class RisingTimes:
     """Times that never fall; `latest` is the maximum before them. Places count events, from 0."""
 
-    def __init__(self, time: EventTime, places: Sequence[int], values: Sequence[Json], latest: int | None) -> None:
-        self._time, self._places, self._values, self._before = time, places, values, latest
+    def __init__(
+        self,
+        time: EventTime,
+        places: Sequence[int],
+        values: Sequence[Json],
+        latest: int | None,
+        exact: Callable[[int], Json] | None,
+    ) -> None:
+        self._time, self._places, self._values, self._before, self._exact = time, places, values, latest, exact
         self._known: dict[int, int | None] = {}
 
     @classmethod
-    def of(cls, time: EventTime, values: Sequence[Json], latest: int | None) -> "RisingTimes | None":
-        """Return the times of events with these values, or None if one may be late; None has no time."""
+    def of(
+        cls,
+        time: EventTime,
+        values: Sequence[Json],
+        latest: int | None,
+        exact: Callable[[int], Json] | None = None,
+    ) -> "RisingTimes | None":
+        """Return the times of events with these values, or None if one may be late; None has no time.
+
+        Numbers may have lost digits if `exact` returns the value of an event by its place.
+        """
         places: Sequence[int] = range(len(values))
         if None in values:
             places = [place for place, value in enumerate(values) if value is not None]
@@ -34,16 +50,18 @@ class RisingTimes:
         comparable = types in ({int}, {float}) and time.format in NUMERIC
         if types == {str} and time.format is TimeFormat.ISO8601:
             comparable = _have_one_layout(cast("Sequence[str]", values))
-        if values and not (comparable and all(map(le, values, islice(values, 1, None)))):
+        rises = lt if exact is not None and types == {float} else le
+        if values and not (comparable and all(map(rises, values, islice(values, 1, None)))):
             return None
-        found = cls(time, places, values, latest)
+        found = cls(time, places, values, latest, exact if types == {float} else None)
         first = found._next(0, len(values))
         allowed = latest is None or first is None or latest - first[1] <= (time.late or 0)
         return found if allowed else None
 
     def _read(self, number: int) -> int | None:
         if number not in self._known:
-            self._known[number] = self._time.of(self._values[number])
+            value = self._values[number] if self._exact is None else self._exact(self._places[number])
+            self._known[number] = self._time.of(value)
         return self._known[number]
 
     def _next(self, start: int, end: int) -> tuple[int, int] | None:

@@ -30,7 +30,6 @@ from rvaft.stream.statistics import EventKind
 
 WHOLE: Final = 1_000_000
 """Maximum number of events of a log that backends read as a whole."""
-_END: Final = Batch(0, ())
 T = TypeVar("T")
 Failed = Callable[[TraceRun, RvaftError], None]
 """Receives a run whose monitors have failed; it gets no further events."""
@@ -57,14 +56,16 @@ def read(
     reading = reading_of(tuple(run.plan for run in runs))
     batches = reading.batches(runs, source, name, line=line, by_blocks=by_blocks, live=live, jobs=jobs, log=log)
     whole = not live and not all(run.plan.monitors.engines for run in runs)
-    return Pipeline(runs, reading, failed).read(batches, whole=whole)
+    return Pipeline(runs, reading, failed, single=live or not by_blocks).read(batches, whole=whole)
 
 
 class Pipeline:
-    """Passes batches to the runs of one trace."""
+    """Passes batches to the runs of one trace; `single` events that were held back are batches of their own."""
 
-    def __init__(self, runs: Sequence[TraceRun], reading: LogReading, failed: Failed | None = None) -> None:
-        self._runs = runs
+    def __init__(
+        self, runs: Sequence[TraceRun], reading: LogReading, failed: Failed | None = None, *, single: bool = False
+    ) -> None:
+        self._runs, self._single = runs, single
         self._failed = failed
         by_time: dict[object, list[TraceRun]] = {}
         for run in runs:
@@ -99,15 +100,16 @@ class Pipeline:
         try:
             for block in batches:
                 new = self._distinct(block)
-                yield [(lane, lane.due(new)) for lane in self._lanes]
+                yield [(lane, lane.due(new)) for lane in self._lanes if lane.runs]
         except (RvaftError, OSError) as error:
             failure = error
         else:
             yield []
         for run in self._runs:
             run.ended = True
-        if rest := [(lane, block) for lane in self._lanes if (block := lane.rest()).total]:
-            yield rest
+        rests = [(lane, lane.rest(1 if self._single else None)) for lane in self._lanes]
+        for number in range(max(len(blocks) for _, blocks in rests)):
+            yield [(lane, blocks[number]) for lane, blocks in rests if number < len(blocks)]
         if failure is not None:
             raise failure
 
@@ -195,10 +197,12 @@ class _Lane:
             places = list(map(ordering.place, stand_ins))
         return _block_of(ordering.put_all(places, came))
 
-    def rest(self) -> Batch:
-        """Return the events that were held back, at the end of the trace."""
-        ordering = self.runs[0].ordering
-        return _END if ordering is None else _block_of(list(ordering.rest()))
+    def rest(self, most: int | None) -> list[Batch]:
+        """Return the events that were held back, at the end of the trace, in batches of at most so many."""
+        ordering = self.runs[0].ordering if self.runs else None
+        turns = [] if ordering is None else list(ordering.rest())
+        size = most or len(turns) or 1
+        return [_block_of(turns[start : start + size]) for start in range(0, len(turns), size)]
 
     def steps(self, block: Batch) -> list[Iterator[int]]:
         """Return the steps of the runs over a block, each after the number of its event."""
@@ -216,14 +220,16 @@ class _Lane:
             groups: Groups = () if found is None else found.get(number, ())
             own = kinds.get(number, {}) if found is None else _kinds(groups)
             part = block
-            if not run.needs_each:
+            late = run.plan.monitors.may_be_late
+            each = run.needs_each or (late and block.times is None)
+            if not each:
                 chosen = own.keys() | {id(event) for event in odd}
                 part = block._replace(events=sorted((pairs[one] for one in chosen), key=itemgetter(0)))
             if odd:
-                part, own = _as_read(part, own, run.plan.reads, each=run.needs_each)
-            if run.needs_each:
+                part, own = _as_read(part, own, run.plan.reads, each=each)
+            if each:
                 steps.append(self._guarded(run, part, own, None))
-            elif part.events:
+            elif part.events or late:
                 steps.append(self._guarded(run, part, own, groups if found is not None else None))
             else:
                 run.pass_over(block.total, block.lines)

@@ -90,6 +90,8 @@ class TraceRun:
         self._tries = self._pause = 0
         self.times: RisingTimes | None = None
         """The times of the current batch, if none of its events is late."""
+        self._risen: list[tuple[RisingTimes, int, Sequence[int | None]]] = []
+        """The last batches without late events: times, the event before them, and lines."""
         self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
@@ -128,11 +130,13 @@ class TraceRun:
         """Whether irrelevant events must be passed one at a time, not only their number."""
         monitors = self.plan.monitors
         all_read = self.keys is not None or not self.assumes_in_bulk or bool(self.audience.each)
-        return all_read or monitors.counts_all or monitors.may_be_late
+        return all_read or monitors.counts_all
 
     @property
     def watches(self) -> list[MonitoredTrace]:
         """The monitored trace, or that of each key in order of first occurrence."""
+        if self._risen:
+            self._note_jumps()
         return [self.watch] if self.keys is None else self.keys.traces
 
     def line_of(self, number: int) -> int | None:
@@ -180,7 +184,11 @@ class TraceRun:
         self.lines = before, block.lines
         events = block.events if self.keys is None or not block.passed else self._with_new_keys(block)
         monitors = self.plan.monitors
-        self.times = self._rising(events)
+        self.times = self._rising(block, events)
+        if self.times is None and self._risen:
+            self._note_jumps()
+        if block.times is not None and self.times is None and monitors.may_be_late:
+            events, kinds, found = block.times.events(), None, None
         together = self.assumes_in_bulk and not (self.audience.each or monitors.counts_all)
         together = together and (self.times is not None or not monitors.may_be_late)
         try:
@@ -191,8 +199,8 @@ class TraceRun:
             else:
                 yield from steps
                 self.number = before + events[-1][0] + 1
-            if self.times is not None and events:
-                self._pass_times(self.times, before, events[-1][0])
+            if self.times is not None:
+                self._pass_times(self.times, before, block.total - 1)
         except TooLarge:
             if self.keys is None:
                 self.watch.events = self.number
@@ -296,28 +304,39 @@ class TraceRun:
             if clock is not None:
                 clock.see_all(concerned)
 
-    def _rising(self, events: Sequence[Placed]) -> RisingTimes | None:
+    def _rising(self, block: Batch, events: Sequence[Placed]) -> RisingTimes | None:
         """Return the times of events of which none is late, or None if each must be asked."""
         time, monitors = self.plan.monitors.time, self.watch.monitors
         if not monitors.may_be_late or self.keys is not None or time is None or len(time.field) != 1:
             return None
-        if len(events) < FEW or not events or {dict} != set(map(type, map(itemgetter(1), events))):
+        latest = monitors.engines[0].latest
+        if block.times is not None:
+            return RisingTimes.of(time, block.times.values, latest, block.times.exact)
+        if len(events) < max(FEW, block.total) or not events or {dict} != set(map(type, map(itemgetter(1), events))):
             return None
         field = time.field[0]
-        return RisingTimes.of(time, [event.get(field) for _, event in events], monitors.engines[0].latest)
+        return RisingTimes.of(time, [event.get(field) for _, event in events], latest)
 
     def _pass_times(self, times: RisingTimes, before: int, last: int) -> None:
-        """Note the maximum time after a batch, and its last jumps."""
-        engine = self.watch.monitors.engines[0]
-        jumps = [(before + place + 1, old, new) for place, old, new in times.jumps()]
-        found = [Jump(number, old, new, self._other_line(number)) for number, old, new in jumps]
-        engine.jumps = (*engine.jumps, *found)[-JUMPS:]
+        """Note the maximum time after a batch; its jumps are found when they are needed."""
+        self._risen.append((times, before, self.lines[1]))
+        if len(self._risen) > JUMPS:
+            self._note_jumps()
         self.watch.monitors.pass_time(times.latest(last))
 
-    def _other_line(self, number: int) -> int | None:
-        """Return the line of an event, unless it is its number."""
-        line = self.line_of(number)
-        return None if line == number else line
+    def _note_jumps(self) -> None:
+        """Note the last jumps of the maximum time in the batches that have passed."""
+        found = list[Jump]()
+        for times, before, lines in reversed(self._risen):
+            jumps = [(place, before + place + 1, old, new) for place, old, new in times.jumps()]
+            line = {place: lines[place] for place, *_ in jumps} if lines else {}
+            known = [(number, old, new, line.get(place)) for place, number, old, new in jumps]
+            found = [*(Jump(*one[:3], None if one[3] == one[0] else one[3]) for one in known), *found]
+            if len(found) >= JUMPS:
+                break
+        engine = self.watch.monitors.engines[0]
+        engine.jumps = (*engine.jumps, *found)[-JUMPS:]
+        self._risen.clear()
 
     def _is_late(self, engine: Engine, event: JsonObject) -> bool:
         """Whether the current event is late; a jump of its time is noted with its line."""

@@ -54,7 +54,7 @@ class LogReading:
         self.dispatch = Dispatch([plan.monitors.types for plan in plans]) if len(plans) > 1 else None
         self.index = self.dispatch or plans[0].monitors.types
         self._times_count = any(_times_count(plan.monitors) for plan in plans)
-        self._readers: dict[bool, JsonBlockReader | None] = {}
+        self._readers: dict[tuple[bool, bool], JsonBlockReader | None] = {}
         self._interests: dict[bool, Interest] = {}
 
     @cached_property
@@ -91,24 +91,37 @@ class LogReading:
             self._interests[whole] = replace(found, fields=None) if whole else found
         return self._interests[whole]
 
-    def block_reader(self, *, whole: bool = False) -> JsonBlockReader | None:
-        """Return a block reader for JSON Lines, or None if every event must be read in full."""
-        if whole not in self._readers:
-            self._readers[whole] = self._new_reader(whole=whole)
-        return self._readers[whole]
+    def block_reader(self, *, whole: bool = False, timed: bool = False) -> JsonBlockReader | None:
+        """Return a block reader for JSON Lines, or None if every event must be read in full.
 
-    def _new_reader(self, *, whole: bool) -> JsonBlockReader | None:
+        With `timed` it may return the times of irrelevant events instead of these.
+        """
+        if (whole, timed) not in self._readers:
+            self._readers[whole, timed] = self._new_reader(whole=whole, timed=self._time_field if timed else "")
+        return self._readers[whole, timed]
+
+    @property
+    def _time_field(self) -> str:
+        """The field of all times that matter in irrelevant events, or ""."""
+        late = [plan.monitors for plan in self.plans if _times_count(plan.monitors)]
+        fields = {() if one.time is None or one.counts_all else one.time.field for one in late}
+        field = fields.pop() if len(fields) == 1 else ()
+        return field[0] if self.plan.plain and len(field) == 1 else ""
+
+    def _new_reader(self, *, whole: bool, timed: str) -> JsonBlockReader | None:
         plan, reads = self.plan, self.reads
         # if every event counts, monitors of keys need the irrelevant events too
         each = plan.key is not None and any(one.monitors.counts_all for one in self.plans)
         if each or any(len(field.path) > 1 for field in plan.fields):
             return None
         names = [field.text for field in plan.fields]
-        possible = (lambda _: True) if self._times_count else self.index.possible
+        possible = (lambda _: True) if self._times_count and not timed else self.index.possible
         fields, exact = plain_fields(reads, (*self._fields, *names)), exact_times(reads) | self._exact
         if not fields or not exact.isdisjoint(names):
             return None
-        return JsonBlockReader(reads, possible, fields, exact=exact, strict=plan.strict_json, kept=names, whole=whole)
+        return JsonBlockReader(
+            reads, possible, fields, exact=exact, strict=plan.strict_json, kept=names, whole=whole, timed=timed
+        )
 
     def batches(
         self,
@@ -135,7 +148,7 @@ class LogReading:
         for run in runs:
             quickly = quickly and not any(one.every and (one.whole or run.one_by_one) for one in run.listeners)
             quickly = quickly and not (whole and run.plan.monitors.counts_all)
-        if quickly and isinstance(source, IOBase) and (reader := self.block_reader(whole=whole)) is not None:
+        if quickly and isinstance(source, IOBase) and (reader := self.block_reader(whole=whole, timed=jobs == 1)):
             stream = cast("BufferedIOBase", source)
             reached: Callable[[int, int], None] = (
                 source.reach if isinstance(source, LinesRead) else lambda _size, _lines: None

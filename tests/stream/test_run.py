@@ -8,6 +8,7 @@ import json
 import math
 import os
 import pickle
+import re
 from collections.abc import Callable, Sequence
 from itertools import product
 from pathlib import Path
@@ -537,8 +538,11 @@ def test_times_that_rise_are_taken_at_once(form: str, late: str, repeat: bool, m
                     events[-1]["at"] = random.choice([None, "never", "2024-01-01T99:00:00Z", True, 1e300, [1]])
                 if random.random() < 0.03:
                     del events[-1]["at"]
-            _, watched, *_ = outcome(plan, lines(events).encode())
-            seen |= {reason for reason, _ in watched[2]}
+            data = lines(events).encode()
+            exact = re.sub(rb'"at": ([0-9]+\.[0-9])', rb'"at": 17724384\g<1>0000012345678', data)
+            for one in (data, exact):
+                _, watched, *_ = outcome(plan, one)
+                seen |= {reason for reason, _ in watched[2]}
     assert Doubt.TIME in seen
     assert late == "1 min" or Doubt.LATE in seen
 

@@ -121,6 +121,28 @@ def test_equal_states_have_equal_futures(order: str) -> None:
     assert compared
 
 
+GUARDED = {"a": 'a on e("a", U) when U != 2;', "b": 'b on e("b", U);', "c": 'c on e("c", U);'}
+
+
+@pytest.mark.parametrize(
+    ("tree", "word"),
+    [
+        ("top and o c; o or a b;", "b2 c2"),  # the guard of an alternative does not hold for another
+        ("top and o c; o 1of2 a b;", "b2 c2"),
+        ("top or a c;", "c2"),
+        ('top and v c; v or w b; w and a d; d on e("d", U);', "b2 c2"),
+        ("top 2of3 a b c;", "a2 b2 c2"),
+        ("top and a c;", "a2 c3 c1 a1"),
+    ],
+)
+def test_a_guard_over_the_common_variable_belongs_to_its_node(tree: str, word: str) -> None:
+    nodes = " ".join(node for name, node in GUARDED.items() if f" {name}" in tree)
+    events = [{"n": one[0], "u": int(one[1:])} for one in word.split()]
+    engine = compare(rvaft.loads(f"event e(n, u) = {{ n: n, u: u }}; {tree} {nodes}"), events, "scattered")
+    assert engine is not None
+    assert engine.verdict is Verdict.TRUE
+
+
 KEYED = """
 event e(n, u) = { n: n, u: u };
 time t as s LATE; semantics scattered;

@@ -70,7 +70,7 @@ def trace_of(random: Random, tree: RVAFT, letters: str, semantics: Semantics) ->
         for _ in range(5):
             time = clock + random.choice((-2, -1, 0, 0, 1, 1, 2, 4))
             stamp = {"t": time} if random.random() < 0.97 else {}
-            event = {"e": random.choice(letters), "v": random.choice((0, 0, 0, 1)), **stamp}
+            event = {"e": random.choice(letters), "v": random.choice((0, 0, 0, 0, 0, 1)), **stamp}
             ahead = monitor.fork()
             if not ahead.step(event).final:
                 break

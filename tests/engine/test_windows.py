@@ -39,11 +39,10 @@ FAMILIES: Final = (
     "top and v g l3; v 1of3 l0 l1 l2; g when end(v) - start(v) <= 2 s;",
     "top pand x y; x and l0 s; y 1of2 s l1; s or l2 l3;",
 )
+_ON: Final = " ".join(f'{name} on e("{name}", {value});' for name, value in zip("abcdf", "XXYYY", strict=True))
 VALUES: Final = (
-    'top and p q W; p sand a b; q sand c o; o 1of2 d f; a on e("a", X); b on e("b", X); c on e("c", Y); '
-    'd on e("d", Y); f on e("f", Y);',
-    'top pand p q; p and a b; q and c o; o 1of2 d f; a on e("a", X); b on e("b", X); c on e("c", Y); '
-    'd on e("d", Y); f on e("f", Y);',
+    f"top and p q W; p sand a b; q sand c o; o 1of2 d f; {_ON}",
+    f"top pand p q; p and a b; q and c o; o 1of2 d f; {_ON}",
 )
 """Parts with values of their own."""
 LEAVES: Final = range(6)

@@ -471,3 +471,5 @@ class ScatteredMatches(Following):
             self._complete.clear()
         group.add(self._added, binding, last, rank)
         self._added += 1
+        if not group.members:
+            self._drop_empty()

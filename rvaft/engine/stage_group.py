@@ -108,7 +108,15 @@ class StageGroup:
         return any(all(map(ge, front[at].rank.values, rank.values)) for at in range(start, end))
 
     def add(self, number: int, binding: dict[str, Json], last: Witness | None, rank: Rank = UNRANKED) -> None:
-        """Add a member and remove those that it subsumes."""
+        """Add a member and remove those that it subsumes.
+
+        A member that the watermark rules out is not added.
+        """
+        end = None
+        if self._deadlines and (self._ending is not None or self.watermark is not None):
+            end = self._end(binding)
+            if end is not None and self.watermark is not None and end < self.watermark:
+                return
         if self.members and rank is UNRANKED:
             rank = self.rank(binding, last)
         member = _new(Member, (number, binding, last, rank))
@@ -121,14 +129,13 @@ class StageGroup:
         self.members[number] = member
         for (names, term), ordered in self._ordered.items():
             self._put_ordered(names, term, ordered, member)
-        if self._ending is not None and self._deadlines:
-            self._note_end(self._ending, member)
+        if self._ending is not None and end is not None:
+            heappush(self._ending, (end, number))
 
-    def _note_end(self, ending: list[tuple[int, int]], member: Member) -> None:
-        ends = [one.deadline(member.binding) for one in self._deadlines]
-        known = [end for end in ends if end is not None]
-        if known:
-            heappush(ending, (min(known), member.number))
+    def _end(self, binding: Mapping[str, Json]) -> int | None:
+        """Return the greatest watermark with which a partial match can still hold, or None."""
+        ends = [one.deadline(binding) for one in self._deadlines]
+        return min((end for end in ends if end is not None), default=None)
 
     def _surpassed(self, front: Sequence[Member], rank: Rank) -> Sequence[Member]:
         """Return the members of a front that a new one with this rank subsumes."""
@@ -204,7 +211,9 @@ class StageGroup:
         if ending is None:
             ending = self._ending = []
             for member in self.members.values() if self._deadlines else ():
-                self._note_end(ending, member)
+                end = self._end(member.binding)
+                if end is not None:
+                    heappush(ending, (end, member.number))
         while ending and ending[0][0] < watermark:
             self.remove(heappop(ending)[1])
 

@@ -24,10 +24,12 @@ FAMILIES: Final = (
     "top 2of3 x y l4 W; x and l0 s W; y 1of2 l1 s W; s or l2 l3;",
     "top sand x y; x 2of3 l0 l1 s W; y 1of2 s l2 W; s 1of2 l3 l4;",
     "top and x y W; x or l0 s; y sand l1 s; s 1of2 l2 l3 W;",
+    "top sand x l3; x and y s l4 within 1 s; y or l0 s; s 1of2 l1 l2;",
     "top pand x y z; x and l0 l1; y or l2 l3; z 1of2 l4 l5;",
     "top pand x y; x 1of3 l0 l1 l2; y 2of3 l3 l4 l5;",
     "top pand x y z; x or l0 l1; y and l2 l3; z 1of2 l4 l5;",
     "top sand p l5; p pand x y; x and l0 l1; y 1of3 l2 l3 l4 W;",
+    "top sand p l4; p pand x y; x 1of2 l0 l1; y 1of2 l2 l3;",
     "top pand p q; p pand x y; x and l0 l1; y 1of2 l2 l3; q 1of2 l4 l5;",
     "top pand x y z; x and l0 l1; y or l2 g; g when 1 == 1; z and l3 l4;",
     "top pand x y z W; x 1of2 l0 l1 W; y 1of2 l2 g; g when 1 == 1; z 1of2 l3 l4 W;",
@@ -37,12 +39,18 @@ FAMILIES: Final = (
     "top and v g l3; v 1of3 l0 l1 l2; g when end(v) - start(v) <= 2 s;",
     "top pand x y; x and l0 s; y 1of2 s l1; s or l2 l3;",
 )
+_ON: Final = " ".join(f'{name} on e("{name}", {value});' for name, value in zip("abcdf", "XXYYY", strict=True))
+VALUES: Final = (
+    f"top and p q W; p sand a b; q sand c o; o 1of2 d f; {_ON}",
+    f"top pand p q; p and a b; q and c o; o 1of2 d f; {_ON}",
+)
+"""Parts with values of their own."""
 LEAVES: Final = range(6)
 
 
 def tree_of(random: Random, family: str) -> tuple[RVAFT, str]:
     """A tree of the family with random letters, values and durations, and its letters."""
-    letters = random.choice(("ab", "abc", "abcd"))
+    letters = "abcdf" if family in VALUES else random.choice(("ab", "abc", "abcd"))
     while "W" in family:
         family = family.replace("W", random.choice(("", "within 0 s", "within 1 s", "within 2 s", "within 4 s")), 1)
     names = random.choice(("____", "____", "XXXX", "XY__"))
@@ -59,9 +67,9 @@ def trace_of(random: Random, tree: RVAFT, letters: str, semantics: Semantics) ->
     monitor, clock = Engine(tree, semantics), 0
     for _ in range(random.randint(3, 8 if semantics.ends else 12)):
         for _ in range(5):
-            time = clock + random.choice((-2, -1, 0, 0, 1, 1, 2))
+            time = clock + random.choice((-2, -1, 0, 0, 1, 1, 2, 4))
             stamp = {"t": time} if random.random() < 0.97 else {}
-            event = {"e": random.choice(letters), "v": random.choice((0, 0, 0, 1)), **stamp}
+            event = {"e": random.choice(letters), "v": random.choice((0, 0, 0, 0, 0, 1)), **stamp}
             ahead = monitor.fork()
             if not ahead.step(event).final:
                 break
@@ -76,7 +84,7 @@ def trace_of(random: Random, tree: RVAFT, letters: str, semantics: Semantics) ->
 @pytest.mark.parametrize("semantics", Semantics)
 def test_windows_and_ends_over_choices(semantics: Semantics, seed: int) -> None:
     random, told = Random(f"windows {semantics} {seed}"), dict.fromkeys(Verdict, 0)
-    for family in FAMILIES:
+    for family in (*FAMILIES, *VALUES):
         made = 0
         while made < 2:
             tree, letters = tree_of(random, family)

@@ -20,6 +20,8 @@ _TRUE: Final = 1
 _FULL: Final = -1
 _UNSUPPORTED: Final = -2
 _REMEDY: Final = "omit --native"
+_FIRST: Final = 21
+"""The number of places of a group."""
 
 
 EventPlace: TypeAlias = tuple[int, int, int]
@@ -54,6 +56,13 @@ def _functions(text: str, capacity: int, keys: int, warn: Callable[[str], object
     found.rvaft_log_begin.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_int]
     found.rvaft_log_begin.restype = None
     found.rvaft_log_read.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]
+    if hasattr(found, "rvaft_log_declined"):  # a text that counts events
+        found.rvaft_log_declined.restype = ctypes.c_char_p
+        found.rvaft_log_group.restype = found.rvaft_log_key.restype = ctypes.c_uint64
+        for name in ("declined", "groups", "keys"):
+            getattr(found, f"rvaft_log_{name}").argtypes = [ctypes.c_void_p]
+        for name in ("group", "key"):
+            getattr(found, f"rvaft_log_{name}").argtypes = [ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p]
     return found
 
 
@@ -92,6 +101,34 @@ class NativeLog:
             elif head.taken:
                 places = (_Place * head.taken).from_buffer(self._state, ctypes.sizeof(_Head))
                 yield [(one.number, one.line, one.offset) for one in places]
+
+    @property
+    def declined(self) -> str | None:
+        """Why the counts are not those of the log, if they are not."""
+        found: bytes | None = self._functions.rvaft_log_declined(self._address)
+        return None if found is None else found.decode()
+
+    def group_counts(self) -> Iterator[tuple[int, Sequence[EventPlace]]]:
+        """Yield the number of events of each group, and the places of the first ones."""
+        places = (_Place * _FIRST)()
+        for number in range(self._functions.rvaft_log_groups(self._address)):
+            total = self._functions.rvaft_log_group(self._address, number, places)
+            yield total, [(one.number, one.line, one.offset) for one in places[: min(total, _FIRST)]]
+
+    def key_counts(self) -> Iterator[tuple[int, EventPlace]]:
+        """Yield the number of events of each key, in order of first occurrence, then of those without a key.
+
+        The number comes with the place of the first event.
+        """
+        place = _Place()
+        for number in range(self._functions.rvaft_log_keys(self._address) + 1):
+            total = self._functions.rvaft_log_key(self._address, number, ctypes.byref(place))
+            yield total, (place.number, place.line, place.offset)
+
+    @property
+    def total(self) -> int:
+        """The number of events."""
+        return int(self._head.number)
 
     def close(self) -> None:
         """Release the memory of the monitor, which reads nothing more."""

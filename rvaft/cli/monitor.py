@@ -150,7 +150,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     )
     native_run = _native_run(part, semantics, given) if given["native"] else None
     plan = plan_of(part, whole, given, native_run)
-    engine = None if given["engine"] is None else engine_class(given["engine"])(plan)
+    engine: QueryEngine | None = None if given["engine"] is None else engine_class(given["engine"])(plan)
     names = given["traces"] or ("-",)
     if given["word"] is not None:
         options.refuse(
@@ -173,6 +173,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             return FAILED if traces.missing.met else status
     if engine is not None:
         traces.require_whole(engine)
+    elif native_run is not None and (given["form"] == "text" or given["detections"]):
+        engine = native_run.engine(plan)
     if traces.live:
         options.refuse(traces.several, "events from a URL do not end: name one TRACE only")
         why = "--checkpoint needs a log that can be read again: events from a URL cannot"

@@ -4,7 +4,7 @@ Events are read as without `--native`. `NativeRun` passes each block of the log 
 before the block is read, and `NativeEngine` detects at the events that the compiled monitor named.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
@@ -12,28 +12,36 @@ from io import BufferedIOBase
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import BinaryIO, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
+from typing import BinaryIO, ClassVar, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
 
 import msgspec
 
 from rvaft.api import monitor
 from rvaft.backend import Specification, backend
 from rvaft.cli import warn
-from rvaft.core.classifier import TreeReads
+from rvaft.core.classifier import Scope, TreeReads
 from rvaft.core.passes import property_of
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading
 from rvaft.engine.monitor import Engine
-from rvaft.errors import RvaftError, TooLarge, ToolFailed, TraceError
+from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolFailed, TraceError
+from rvaft.model.guards import Guard
+from rvaft.model.nodes import Assumption
+from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
 from rvaft.readers.json_lines import decode, event_on
-from rvaft.readers.log import BOM
+from rvaft.readers.log import BOM, LogReader
 from rvaft.stream.keys import Key
 from rvaft.stream.listeners import EventBuffer
+from rvaft.stream.plan import TIME, MonitoringPlan
+from rvaft.stream.whole_log import Declined, EventCount, LogAnswer, Place, QueryEngine
+from rvaft.support.files import SUFFIXES as COMPRESSED
 
 BACKEND: Final = "c"
+_PIECE: Final = 1 << 20
+"""Bytes that are read at a time."""
 _ACCEPTED: Final[msgspec.json.Decoder[Json]] = msgspec.json.Decoder(float_hook=finite_decimal)
 """For lines that a native monitor has accepted, so that nothing is checked again."""
 _HIT: Final = Reading(relevant=False, hits=(None,))
@@ -60,6 +68,20 @@ class CompiledLog(Protocol):
     def read(self, data: bytes, *, ended: bool = False) -> Iterator[Sequence[tuple[int, int, int]]]:
         """Read a piece of the log, and yield the places of the events of each detection."""
 
+    @property
+    def declined(self) -> str | None:
+        """Why the counts are not those of the log, if they are not."""
+
+    @property
+    def total(self) -> int:
+        """The number of events."""
+
+    def group_counts(self) -> Iterator[tuple[int, Sequence[tuple[int, int, int]]]]:
+        """Yield the number of events of each group, and the places of the first ones."""
+
+    def key_counts(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
+        """Yield the number of events of each key and the place of the first one, then of those without a key."""
+
     def close(self) -> None:
         """Release the memory of the monitor."""
 
@@ -70,6 +92,13 @@ class Compiling(Protocol):
 
     def keyed(self, key: Sequence[tuple[tuple[str, ...], tuple[str, ...]]]) -> Self:
         """Return a backend whose monitors regard each value of a key as a log of its own."""
+
+    def counted(self, letters: Sequence[tuple[Pattern, Guard | None]], apart: Sequence[str], clock: str) -> Self:
+        """Return a backend whose monitors count the events of a log in groups.
+
+        Events of a group match the same patterns with their guards, and have the same texts in the
+        fields `apart`. `clock` is the field of times where a tree declares none.
+        """
 
     def translate(self, tree: RVAFT, semantics: Semantics) -> Specification:
         """Return the tree as a text."""
@@ -166,6 +195,7 @@ class NativeRun:
     def __init__(self, part: RVAFT, *, key: Key | None, keys: int, repeat: bool) -> None:
         fields = () if key is None else tuple(((one.text,), one.path) for one in key.fields)
         self._backend = compiling().keyed(fields)
+        self._part = part
         self._text = self._backend.translate(part, Semantics.SCATTERED).text
         self._keys, self._repeat = keys, repeat
         self._explainer = MatchExplainer(part)
@@ -174,7 +204,8 @@ class NativeRun:
         self._log: CompiledLog | None = None
         self._copy: BinaryIO | None = None
         self._name = ""
-        self._buffer = EventBuffer()
+        self.buffer = EventBuffer()
+        """The buffer to which the events of matches are added."""
 
     @contextmanager
     def trace(self, name: str, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
@@ -184,7 +215,8 @@ class NativeRun:
         """
         self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
         self._found.clear()
-        self._name, self._buffer = name, buffer
+        self._name = name
+        self.buffer = buffer
         with ExitStack() as stack:
             stack.callback(self._log.close)
             if file is None:
@@ -197,6 +229,35 @@ class NativeRun:
                 raise self._named(self._log.failure)
         if self._found:
             raise ToolFailed("the native monitor", reason=f"event {min(self._found)} is no detection of the engine")
+
+    def engine(self, plan: MonitoringPlan) -> "NativeLogs | None":
+        """Return the engine that reads whole logs by the compiled monitor alone, or None if it does not know all."""
+        types = plan.monitors.types
+        if types.tree.assumes - {Assumption.ORDER} or plan.strict_json:
+            return None
+        letters = [(letter.pattern, letter.when) for _, _, letter in types.letters]
+        try:
+            counting = self._backend.counted(letters, types.discriminators.fields, TIME)
+            self._text = counting.translate(self._part, Semantics.SCATTERED).text
+        except NotExpressible:  # a test of an event that no match uses
+            return None
+        return NativeLogs(plan, self)
+
+    def answer(self, path: Path) -> "NativeAnswer":
+        """Return what the compiled monitor finds in a file; raises `Declined` where it may not know all."""
+        log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
+        with ExitStack() as stack:
+            stack.callback(log.close)
+            self._log, self._name = log, str(path)
+            self._found.clear()
+            with path.open("rb", buffering=0) as stream:
+                while data := stream.read(_PIECE):
+                    self._feed(data)
+                self._feed(b"")
+            if log.failure is not None or log.declined is not None:
+                raise Declined(log.declined or str(log.failure))
+            self._copy = stack.enter_context(path.open("rb"))
+            return NativeAnswer(self, log, self._copy, self._found, stack.pop_all())
 
     def _feed(self, data: bytes) -> None:
         assert self._log is not None, "the trace has begun"
@@ -228,8 +289,76 @@ class NativeRun:
         """Return the match of these events by the engine, after storing them in the buffer."""
         assert self._copy is not None, "the trace has begun"
         found, events = self._explainer.explained(self._copy, places)
-        self._buffer.remember_all([*events.items()], [one.line for one in places])
+        self.buffer.remember_all([*events.items()], [one.line for one in places])
         return found
+
+
+class NativeLogs(QueryEngine):
+    """The compiled monitor as the reader of whole files of JSON Lines.
+
+    It declines a log where an event may cause a warning or an error.
+    """
+
+    name: ClassVar[str] = "the native monitor"
+    formats: ClassVar[frozenset[str]] = frozenset({"jsonl"})
+    says_so: ClassVar[bool] = False
+
+    def __init__(self, plan: MonitoringPlan, run: NativeRun) -> None:
+        self._plan, self._run = plan, run
+
+    def ask(self, path: Path, reader: LogReader | None) -> "NativeAnswer":
+        """Return what is in a log; raises `Declined`."""
+        if reader is not None or path.suffix.lower() in COMPRESSED or not path.is_file():
+            raise Declined("the log is no plain file of JSON Lines")
+        return self._run.answer(path)
+
+
+class NativeAnswer(LogAnswer):
+    """The counts and detections of a log that a compiled monitor has read; `found` are the matches by last event."""
+
+    def __init__(
+        self,
+        run: NativeRun,
+        log: CompiledLog,
+        file: BinaryIO,
+        found: Mapping[int, Sequence[MatchedLine]],
+        opened: ExitStack,
+    ) -> None:
+        self._run, self._file, self._found, self._opened = run, file, found, opened
+        self._places = {places[-1].number: places[-1] for places in found.values()}
+        self.total = log.total
+        self.groups = [EventCount(total, self._noted(places)) for total, places in log.group_counts()]
+        *keys, (keyless, first) = [(total, self._noted([place])) for total, place in log.key_counts()]
+        self.keys = [EventCount(total, places) for total, places in keys]
+        self.keyless = EventCount(keyless, first) if keyless and keys else None
+        self.noted = ()
+        self.selected = sorted(found)
+
+    def _noted(self, places: Sequence[tuple[int, int, int]]) -> list[int]:
+        self._places.update((one[0], MatchedLine(*one)) for one in places if one[0])
+        return [one[0] for one in places]
+
+    def begin(self, buffer: EventBuffer) -> None:
+        """Add the events of matches to this buffer."""
+        self._run.buffer = buffer
+
+    def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[Place]:
+        """Yield the events with these numbers."""
+        for number in numbers:
+            place = self._places[number]
+            self._file.seek(place.offset)
+            line = self._file.readline().removesuffix(b"\n")
+            yield number, place.line, decode(line.removeprefix(BOM) if place.line == 1 else line, reads=reads)
+            if numbers is self.selected and number in self._found:
+                raise ToolFailed("the native monitor", reason=f"event {number} is no detection of the engine")
+
+    def of_keys(self) -> Iterator[tuple[int, int]]:
+        """Yield nothing: no listener of each event has this answer."""
+        return iter(())
+
+    def close(self) -> None:
+        """Close the log, and release the memory of the monitor."""
+        self._opened.close()
 
 
 class NativeEngine(Engine):
@@ -239,6 +368,12 @@ class NativeEngine(Engine):
         super().__init__(tree, Semantics.SCATTERED)
         self._run = run
         self._match: Sequence[MatchedLine] = ()
+
+    def fork(self) -> Self:
+        """Return an independent monitor in the same state."""
+        twin = object.__new__(type(self))
+        vars(twin).update(vars(self))
+        return twin
 
     @property
     def read(self) -> Callable[[Mapping[str, Json], EventClass], Reading]:

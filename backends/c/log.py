@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
+from io import RawIOBase
 from mmap import mmap
 from typing import Final, TypeAlias
 
@@ -14,6 +15,8 @@ from rvaft.errors import RvaftError, TooLarge, ToolFailed, TraceError
 
 CAPACITY: Final = 1 << 20
 """The number of partial matches of all keys; memory that is not used is not touched."""
+_PIECE: Final = 1 << 18
+"""Bytes that are read at a time, which stay in the cache."""
 _SLACK: Final = bytes(16)
 """The reader may read a few bytes behind a line."""
 _TRUE: Final = 1
@@ -93,7 +96,34 @@ class NativeLog:
         else:
             data, self._rest = self._rest + data, b""
         size, data = len(data), data + _SLACK
-        done, head, start = 0, self._head, ctypes.cast(ctypes.c_char_p(data), ctypes.c_void_p).value or 0
+        yield from self._lines(ctypes.cast(ctypes.c_char_p(data), ctypes.c_void_p).value or 0, size)
+
+    def read_file(self, stream: RawIOBase) -> Iterator[Sequence[EventPlace]]:
+        """Read a whole log, in one buffer, and yield the events of each detection as `read` does."""
+        buffer, rest = bytearray(_PIECE + len(_SLACK)), 0
+        while self.failure is None:
+            room = len(buffer) - len(_SLACK)
+            with memoryview(buffer) as view, view[rest:room] as free:
+                got = stream.readinto(free) or 0
+            end = rest + got
+            if not got:
+                buffer[end : end + len(_SLACK)] = _SLACK
+            at = buffer.rfind(b"\n", 0, end) + 1 if got else end
+            if at:
+                address = ctypes.addressof(ctypes.c_char.from_buffer(buffer))
+                yield from self._lines(address, at)
+                rest = end - at
+                buffer[:rest] = buffer[at:end]
+            elif end == room:  # a line that is longer than the buffer
+                buffer, rest = buffer + bytes(len(buffer)), end
+            else:
+                rest = end
+            if not got:
+                return
+
+    def _lines(self, start: int, size: int) -> Iterator[Sequence[EventPlace]]:
+        """Read whole lines at an address."""
+        done, head = 0, self._head
         while done < size and self.failure is None:
             done += self._functions.rvaft_log_read(self._address, start + done, size - done)
             if head.verdict < 0:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import replace
-from io import BufferedIOBase
+from io import BufferedIOBase, RawIOBase
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -28,7 +28,7 @@ from rvaft.model.guards import Guard
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, finite_decimal
+from rvaft.model.values import Json, JsonObject, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
 from rvaft.readers.json_lines import decode, event_on
@@ -40,8 +40,6 @@ from rvaft.stream.whole_log import Declined, EventCount, LogAnswer, Place, Query
 from rvaft.support.files import SUFFIXES as COMPRESSED
 
 BACKEND: Final = "c"
-_PIECE: Final = 1 << 20
-"""Bytes that are read at a time."""
 _ACCEPTED: Final[msgspec.json.Decoder[Json]] = msgspec.json.Decoder(float_hook=finite_decimal)
 """For lines that a native monitor has accepted, so that nothing is checked again."""
 _HIT: Final = Reading(relevant=False, hits=(None,))
@@ -67,6 +65,9 @@ class CompiledLog(Protocol):
 
     def read(self, data: bytes, *, ended: bool = False) -> Iterator[Sequence[tuple[int, int, int]]]:
         """Read a piece of the log, and yield the places of the events of each detection."""
+
+    def read_file(self, stream: RawIOBase) -> Iterator[Sequence[tuple[int, int, int]]]:
+        """Read a whole log, and yield the same."""
 
     @property
     def declined(self) -> str | None:
@@ -128,6 +129,15 @@ def refused(failure: TraceError, log: BinaryIO) -> TraceError:
     return failure
 
 
+def _accepted(line: bytes, reads: Scope) -> JsonObject:
+    """Return the event of a line that a native monitor has accepted."""
+    line = line.removeprefix(BOM)
+    try:
+        return cast("JsonObject", _ACCEPTED.decode(line))
+    except (msgspec.DecodeError, RecursionError):  # NaN, or a lone surrogate that is not read
+        return cast("JsonObject", decode(line.rstrip(b"\r\n"), reads=reads))
+
+
 class MatchExplainer:
     """Explains detections by the engine, which reads only the events of the match."""
 
@@ -140,11 +150,7 @@ class MatchExplainer:
         events, engine = dict[int, Json](), self._start.fork()
         for number, _, offset in places:
             log.seek(offset)
-            line = log.readline().removeprefix(BOM)
-            try:
-                events[number] = _ACCEPTED.decode(line)
-            except (msgspec.DecodeError, RecursionError):  # NaN, or a lone surrogate that is not read
-                events[number] = decode(line.rstrip(b"\r\n"), reads=self._reads)
+            events[number] = _accepted(log.readline(), self._reads)
         verdicts, numbers = list(engine.run([*events.values()])), [*events]
         found = engine.explanation
         if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
@@ -251,9 +257,7 @@ class NativeRun:
             self._log, self._name = log, str(path)
             self._found.clear()
             with path.open("rb", buffering=0) as stream:
-                while data := stream.read(_PIECE):
-                    self._feed(data)
-                self._feed(b"")
+                self._note(log.read_file(stream))
             if log.failure is not None or log.declined is not None:
                 raise Declined(log.declined or str(log.failure))
             self._copy = stack.enter_context(path.open("rb"))
@@ -261,7 +265,10 @@ class NativeRun:
 
     def _feed(self, data: bytes) -> None:
         assert self._log is not None, "the trace has begun"
-        for places in self._log.read(data, ended=not data):
+        self._note(self._log.read(data, ended=not data))
+
+    def _note(self, detections: Iterable[Sequence[tuple[int, int, int]]]) -> None:
+        for places in detections:
             self._found[places[-1][0]] = [MatchedLine(*one) for one in places]
 
     def _feed_and_copy(self, data: bytes) -> None:
@@ -347,8 +354,7 @@ class NativeAnswer(LogAnswer):
         for number in numbers:
             place = self._places[number]
             self._file.seek(place.offset)
-            line = self._file.readline().removesuffix(b"\n")
-            yield number, place.line, decode(line.removeprefix(BOM) if place.line == 1 else line, reads=reads)
+            yield number, place.line, _accepted(self._file.readline(), reads)
             if numbers is self.selected and number in self._found:
                 raise ToolFailed("the native monitor", reason=f"event {number} is no detection of the engine")
 

@@ -201,6 +201,7 @@ class NativeRun:
     def __init__(self, part: RVAFT, *, key: Key | None, keys: int, repeat: bool) -> None:
         fields = () if key is None else tuple(((one.text,), one.path) for one in key.fields)
         self._backend = compiling().keyed(fields)
+        self.keyed = key is not None
         self._part = part
         self._text = self._backend.translate(part, Semantics.SCATTERED).text
         self._keys, self._repeat = keys, repeat
@@ -337,7 +338,7 @@ class NativeAnswer(LogAnswer):
         self.groups = [EventCount(total, self._noted(places)) for total, places in log.group_counts()]
         *keys, (keyless, first) = [(total, self._noted([place])) for total, place in log.key_counts()]
         self.keys = [EventCount(total, places) for total, places in keys]
-        self.keyless = EventCount(keyless, first) if keyless and keys else None
+        self.keyless = EventCount(keyless, first) if keyless and run.keyed else None
         self.noted = ()
         self.selected = sorted(found)
 

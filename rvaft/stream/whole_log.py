@@ -7,7 +7,6 @@ exactly for a log, it raises `Declined`, and the log is read event by event.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import ClassVar, Final, NamedTuple, TypeAlias
 
@@ -21,6 +20,7 @@ from rvaft.stream.listeners import EventBuffer, MonitoredTrace, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import LOOKED_AT, Statistics
+from rvaft.support.plugins import entry_points
 
 GROUP: Final = "rvaft.engines"
 FIRST: Final = LOOKED_AT + 1

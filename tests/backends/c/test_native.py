@@ -247,15 +247,25 @@ def test_a_line_that_is_too_large_is_named(folder: Path, monkeypatch: pytest.Mon
         assert f"{log}:1: " in found.stderr
 
 
-def test_the_engine_checks_each_match(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("last", "error"), [(2, "the engine has no match at event 2"), (3, "event 3 is no detection of the engine")]
+)
+@pytest.mark.parametrize("given", ["file", "stream"])
+def test_the_engine_checks_each_match(
+    given: str, last: int, error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A monitor in C that names other events is an error."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(NativeLog, "read", lambda _, __, ended: iter([] if ended else [[(1, 1, 0), (2, 2, 17)]]))
+    places = [(1, 1, 0), (last, last, 17 * (last - 1))]
+    monkeypatch.setattr(NativeLog, "read", lambda _, __, ended: iter([] if ended else [places]))
+    monkeypatch.setattr(NativeLog, "read_file", lambda _, __: iter([places]))
     (tree := tmp_path / "tree.rvaft").write_text(TIED, encoding="utf-8")
-    (log := tmp_path / "log.jsonl").write_text('{"k": 1, "u": 1}\n{"k": 2, "u": 2}\n', encoding="utf-8")
-    found = run("monitor", tree, log, "--semantics", "scattered", "--native")
+    data = '{"k": 1, "u": 1}\n{"k": 2, "u": 2}\n{"j": 2, "u": 2}\n'
+    (log := tmp_path / "log.jsonl").write_text(data, encoding="utf-8")
+    where = (log,) if given == "file" else ("-",)
+    found = run("monitor", tree, *where, "--semantics", "scattered", "--native", data=data)
     assert found.exit_code == 2
-    assert "the native monitor failed: the engine has no match at event 2" in found.stderr
+    assert f"the native monitor failed: {error}" in found.stderr
 
 
 def test_memory_is_released_after_each_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

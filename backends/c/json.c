@@ -728,7 +728,7 @@ static int instant(int64_t seconds, int64_t rest, int64_t *time) {
     return 1;
 }
 
-#define SHORT INT64_C(100000000000000000)
+#define SHORT INT64_C(900000000000000000) /* ten times as much, and a digit, fit in 64 bits */
 
 /* The nanoseconds of a decimal number in units of 10^scale; returns 0 unless it is short and needs no rounding. */
 static int short_time(const char *text, uint32_t size, int scale, int64_t *time) {

@@ -1761,28 +1761,33 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
 
 /* Append the bytes of a key; returns 0 if there is no room. */
 static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t more) {
-    uint32_t at = t->used + *size;
-    if (at > RVAFT_KEY_BYTES || more > RVAFT_KEY_BYTES - at) {
-        return 0;
+    const char *bytes = from;
+    uint32_t at = t->used + *size, i;
+    for (i = 0; i < more && at < RVAFT_KEY_BYTES; i++, at++) {
+        t->bytes[at] = bytes[i];
     }
-    memcpy(t->bytes + at, from, more);
-    *size += more;
-    return 1;
-}
-
-/* Whether there is room for the bytes of a key at a place. */
-static int has_key_bytes(uint32_t at, uint32_t size) {
-    return at <= RVAFT_KEY_BYTES && size <= RVAFT_KEY_BYTES - at;
+    *size += i;
+    return i == more;
 }
 
 static uint32_t hash_key(const key_table *t, uint64_t h, uint32_t size) {
-    return has_key_bytes(t->used, size) ? hash_bytes(h, t->bytes + t->used, size) : 0;
+    uint32_t at = t->used, i;
+    for (i = 0; i < size && at < RVAFT_KEY_BYTES; i++, at++) {
+        h = (h ^ (unsigned char)t->bytes[at]) * UINT64_C(0x100000001B3);
+        h ^= h >> 29;
+    }
+    return mixed(h ^ size);
 }
 
 /* Whether the bytes of a key are those behind all keys. */
 static int same_key(const key_table *t, const key_state *k) {
-    return has_key_bytes(t->used, k->size) && has_key_bytes(k->start, k->size) &&
-           memcmp(t->bytes + t->used, t->bytes + k->start, k->size) == 0;
+    uint32_t at = t->used, own = k->start, i;
+    for (i = 0; i < k->size && at < RVAFT_KEY_BYTES && own < RVAFT_KEY_BYTES; i++, at++, own++) {
+        if (t->bytes[at] != t->bytes[own]) {
+            return 0;
+        }
+    }
+    return i == k->size;
 }
 
 /* The number of the key of an event, NONE if it lacks a field or is not finite, or an error in m->error.

@@ -175,8 +175,10 @@ def _contradiction(bounds: list[TimeBound]) -> list[Need]:
             if latest[other] + more < latest[time]:
                 latest[time], before[time], changed = latest[other] + more, other, time
         if not changed:
-            return []
-    for _ in latest if changed else ():  # back into the circle
+            break
+    if not changed:
+        return []
+    for _ in latest:  # back into the circle
         changed = before[changed]
     circle = [changed]
     while circle[-1] != changed or len(circle) < 2:

@@ -137,14 +137,6 @@ class Orders:
                     raise refusal
         return found
 
-    def after(self, scenario: Scenario) -> dict[Event, frozenset[Event]]:
-        """Return for each event of a scenario the later events."""
-        later: dict[Event, set[Event]] = {event: set() for event in scenario.events}
-        for event, before in zip(scenario.events, scenario.before, strict=True):
-            for one in bits(before):
-                later[scenario.events[one]].add(event)
-        return {event: frozenset(some) for event, some in later.items()}
-
     def words(self, scenario: Scenario, letters: Mapping[Event, Letter]) -> Iterator[tuple[Letter, ...]]:
         """Yield the event orders of a scenario as words of letters, without words of earlier
         scenarios.
@@ -159,9 +151,11 @@ class Orders:
             alike = letters[event], known[one], after[one]
             needed[one] |= last.get(alike, 0)
             last[alike] = 1 << one
-        everything = (1 << len(events)) - 1
+        everything, ready = (1 << len(events)) - 1, core.Ready(needed)
         todo: list[tuple[frozenset[int], tuple[Letter, ...]]] = [(frozenset({0}), ())]
         while todo:
+            if len(events) * len(todo) > self._limit:  # each prefix begins at least one word
+                raise TooLarge("events in all possible orders", limit=self._limit)
             done, word = todo.pop()
             self.spend(len(word) + 1)
             if everything in done:
@@ -173,10 +167,10 @@ class Orders:
                 continue
             nexts: dict[Letter, set[int]] = {}
             for mask in done:
-                self.spend(1 + len(events) // 4)
-                for one in bits(everything & ~mask):
-                    if not needed[one] & ~mask:
-                        nexts.setdefault(letters[events[one]], set()).add(mask | 1 << one)
+                following = ready.after(mask)
+                self.spend(1 + len(following))
+                for one in following:
+                    nexts.setdefault(letters[events[one]], set()).add(mask | 1 << one)
             todo += [(frozenset(after), (*word, letter)) for letter, after in reversed(nexts.items())]
 
 

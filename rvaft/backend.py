@@ -12,11 +12,10 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from itertools import count
 from time import perf_counter
-from typing import Any, ClassVar, Final, TypeAlias, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, final
 
 from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check, extended
 from rvaft.core.passes import Pass, decide_constants, property_of
@@ -41,6 +40,10 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
+from rvaft.support.plugins import entry_points
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "rvaft.backends"
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
@@ -432,7 +435,7 @@ def stamped(tree: RVAFT, trace: Iterable[Json], field: str) -> Iterator[Json]:
 
 
 @cache
-def all_backends() -> Mapping[str, EntryPoint]:
+def all_backends() -> "Mapping[str, EntryPoint]":
     """Return the registered backends by name, without importing them.
 
     >>> sorted({"automaton", "ltlf", "rml"} & set(all_backends()))

@@ -14,13 +14,13 @@ from backends.c.events import OPERATORS
 from backends.c.library import CAPACITY, CMonitor, require_compiler
 from backends.c.log import NativeLog
 from backends.c.questions import observed
-from backends.c.translation import KeyField, translation
+from backends.c.translation import EventTests, KeyField, translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends, simplify, windows_to_guards
 from rvaft.core.property import Condition, Part, Property
 from rvaft.errors import Reason, unwritten
-from rvaft.model.guards import Operator
+from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics
 
@@ -55,6 +55,7 @@ class CBackend(Backend):
     default_limit: ClassVar[int] = 5_000
 
     _key: Sequence[KeyField] = ()
+    _counted: EventTests | None = None
 
     def keyed(self, key: Sequence[KeyField]) -> Self:
         """Return a backend whose texts monitor each value of a key as a log of its own."""
@@ -62,9 +63,15 @@ class CBackend(Backend):
         vars(twin)["_key"] = tuple(key)
         return twin
 
+    def counted(self, letters: Sequence[tuple[Pattern, Guard | None]], apart: Sequence[str], clock: str) -> Self:
+        """Return a backend whose texts also count the events of a log, as `EventTests` says."""
+        twin = copy(self)
+        vars(twin)["_counted"] = EventTests(tuple(letters), tuple(apart), clock)
+        return twin
+
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the file; raises `NotExpressible` and `TooLarge`."""
-        written = translation(prop, semantics, limit, self._key)
+        written = translation(prop, semantics, limit, self._key, self._counted)
         sizes = Metrics(written.stages + written.moves, states=written.stages, edges=written.moves)
         return SpecificationText(written.text, sizes)
 

@@ -26,6 +26,7 @@ typedef struct rvaft_reader {
     const char *reason;
     uint32_t used; /* of scratch */
     uint32_t members;
+    int odd; /* whether a number of the line is not finite */
     frame frames[MAX_DEPTH];
     member member[MEMBERS];
     char scratch[RVAFT_SCRATCH];
@@ -267,6 +268,7 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
         for (i = 0; i < 5; i++) {
             if (is_word(r, words[i].word, words[i].size)) {
                 advance(r, words[i].size);
+                r->odd |= i >= 3;
                 if (v != NULL) {
                     *v = plain(words[i].tag);
                 }
@@ -280,6 +282,7 @@ static int scan_scalar(rvaft_reader *r, rvaft_value *v) {
     if (end == 0) {
         if (is_word(r, words[5].word, words[5].size)) {
             advance(r, words[5].size);
+            r->odd = 1;
             if (v != NULL) {
                 *v = plain(words[5].tag);
             }
@@ -434,7 +437,7 @@ static int note_members(rvaft_reader *r) {
    bytes. Sets `undefined` where a number is not finite. */
 /*@ requires r->used <= RVAFT_SCRATCH;
     requires r->members <= MEMBERS;
-    assigns r->at, r->used, r->members, r->reason, r->member[0 .. MEMBERS - 1], r->scratch[0 .. RVAFT_SCRATCH - 1],
+    assigns r->at, r->used, r->members, r->reason, r->odd, r->member[0 .. MEMBERS - 1], r->scratch[0 .. RVAFT_SCRATCH - 1],
             *undefined;
     ensures r->used <= RVAFT_SCRATCH;
     ensures r->members <= MEMBERS; */
@@ -565,6 +568,7 @@ static int scan(rvaft_reader *r, rvaft_event *e) {
     }
     r->used = 0;
     r->at = 0;
+    r->odd = 0;
     skip_blanks(r);
     for (;;) { /* a value of `node` */
         char c = r->at < r->size ? r->text[r->at] : '\n';
@@ -724,7 +728,7 @@ static int instant(int64_t seconds, int64_t rest, int64_t *time) {
     return 1;
 }
 
-#define SHORT INT64_C(100000000000000000)
+#define SHORT INT64_C(900000000000000000) /* ten times as much, and a digit, fit in 64 bits */
 
 /* The nanoseconds of a decimal number in units of 10^scale; returns 0 unless it is short and needs no rounding. */
 static int short_time(const char *text, uint32_t size, int scale, int64_t *time) {

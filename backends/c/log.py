@@ -6,6 +6,7 @@ import secrets
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import lru_cache
+from io import RawIOBase
 from mmap import mmap
 from typing import Final, TypeAlias
 
@@ -14,12 +15,16 @@ from rvaft.errors import RvaftError, TooLarge, ToolFailed, TraceError
 
 CAPACITY: Final = 1 << 20
 """The number of partial matches of all keys; memory that is not used is not touched."""
+_PIECE: Final = 1 << 18
+"""Bytes that are read at a time, which stay in the cache."""
 _SLACK: Final = bytes(16)
 """The reader may read a few bytes behind a line."""
 _TRUE: Final = 1
 _FULL: Final = -1
 _UNSUPPORTED: Final = -2
 _REMEDY: Final = "omit --native"
+_FIRST: Final = 21
+"""The number of places of a group."""
 
 
 EventPlace: TypeAlias = tuple[int, int, int]
@@ -54,6 +59,13 @@ def _functions(text: str, capacity: int, keys: int, warn: Callable[[str], object
     found.rvaft_log_begin.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_int]
     found.rvaft_log_begin.restype = None
     found.rvaft_log_read.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]
+    if hasattr(found, "rvaft_log_declined"):  # a text that counts events
+        found.rvaft_log_declined.restype = ctypes.c_char_p
+        found.rvaft_log_group.restype = found.rvaft_log_key.restype = ctypes.c_uint64
+        for name in ("declined", "groups", "keys"):
+            getattr(found, f"rvaft_log_{name}").argtypes = [ctypes.c_void_p]
+        for name in ("group", "key"):
+            getattr(found, f"rvaft_log_{name}").argtypes = [ctypes.c_void_p, ctypes.c_uint32, ctypes.c_void_p]
     return found
 
 
@@ -84,7 +96,34 @@ class NativeLog:
         else:
             data, self._rest = self._rest + data, b""
         size, data = len(data), data + _SLACK
-        done, head, start = 0, self._head, ctypes.cast(ctypes.c_char_p(data), ctypes.c_void_p).value or 0
+        yield from self._lines(ctypes.cast(ctypes.c_char_p(data), ctypes.c_void_p).value or 0, size)
+
+    def read_file(self, stream: RawIOBase) -> Iterator[Sequence[EventPlace]]:
+        """Read a whole log, in one buffer, and yield the events of each detection as `read` does."""
+        buffer, rest = bytearray(_PIECE + len(_SLACK)), 0
+        while self.failure is None:
+            room = len(buffer) - len(_SLACK)
+            with memoryview(buffer) as view, view[rest:room] as free:
+                got = stream.readinto(free) or 0
+            end = rest + got
+            if not got:
+                buffer[end : end + len(_SLACK)] = _SLACK
+            at = buffer.rfind(b"\n", 0, end) + 1 if got else end
+            if at:
+                address = ctypes.addressof(ctypes.c_char.from_buffer(buffer))
+                yield from self._lines(address, at)
+                rest = end - at
+                buffer[:rest] = buffer[at:end]
+            elif end == room:  # a line that is longer than the buffer
+                buffer, rest = buffer + bytes(len(buffer)), end
+            else:
+                rest = end
+            if not got:
+                return
+
+    def _lines(self, start: int, size: int) -> Iterator[Sequence[EventPlace]]:
+        """Read whole lines at an address."""
+        done, head = 0, self._head
         while done < size and self.failure is None:
             done += self._functions.rvaft_log_read(self._address, start + done, size - done)
             if head.verdict < 0:
@@ -92,6 +131,34 @@ class NativeLog:
             elif head.taken:
                 places = (_Place * head.taken).from_buffer(self._state, ctypes.sizeof(_Head))
                 yield [(one.number, one.line, one.offset) for one in places]
+
+    @property
+    def declined(self) -> str | None:
+        """Why the counts are not those of the log, if they are not."""
+        found: bytes | None = self._functions.rvaft_log_declined(self._address)
+        return None if found is None else found.decode()
+
+    def group_counts(self) -> Iterator[tuple[int, Sequence[EventPlace]]]:
+        """Yield the number of events of each group, and the places of the first ones."""
+        places = (_Place * _FIRST)()
+        for number in range(self._functions.rvaft_log_groups(self._address)):
+            total = self._functions.rvaft_log_group(self._address, number, places)
+            yield total, [(one.number, one.line, one.offset) for one in places[: min(total, _FIRST)]]
+
+    def key_counts(self) -> Iterator[tuple[int, EventPlace]]:
+        """Yield the number of events of each key, in order of first occurrence, then of those without a key.
+
+        The number comes with the place of the first event.
+        """
+        place = _Place()
+        for number in range(self._functions.rvaft_log_keys(self._address) + 1):
+            total = self._functions.rvaft_log_key(self._address, number, ctypes.byref(place))
+            yield total, (place.number, place.line, place.offset)
+
+    @property
+    def total(self) -> int:
+        """The number of events."""
+        return int(self._head.number)
 
     def close(self) -> None:
         """Release the memory of the monitor, which reads nothing more."""

@@ -27,6 +27,151 @@ static int is_blank(const char *text, size_t size) {
 
 #if RVAFT_PLACES
 
+#if RVAFT_COUNTED
+
+/* Counts of a log: of groups of events that pass the same tests, have values of the same types, and
+   the same texts that tell event types apart; and of keys. */
+
+#define FIRST_PLACES 21U
+#define GROUPS 4096U
+#define LONGEST_TEXT 204U
+#define SIGNATURE (RVAFT_TESTS + RVAFT_FIELDS + 1U + (LONGEST_TEXT + 4U) * RVAFT_TEXTS_APART)
+
+typedef struct event_group {
+    uint64_t total;
+    uint32_t hash;
+    uint32_t next; /* of the bucket: a number, plus 1 */
+    uint32_t size;
+    uint8_t signature[SIGNATURE];
+    place first[FIRST_PLACES];
+} event_group;
+
+typedef struct key_count {
+    uint64_t total;
+    int64_t latest;
+    int has_latest;
+    place first;
+} key_count;
+
+typedef struct event_counts {
+    const char *declined; /* why the events must be looked at one by one, or NULL */
+    uint32_t groups;
+    uint32_t head[GROUPS];
+    event_group item[GROUPS];
+    rvaft_value last; /* the last number in the field of times, where a tree declares none */
+    key_count clock;  /* the greatest time, where no event is late */
+    key_count keyless;
+#if RVAFT_KEYED
+    key_count key[RVAFT_KEYS];
+#endif
+} event_counts;
+
+static uint32_t signature_of(int *error, const rvaft_event *e, uint8_t *made) {
+    uint32_t size = RVAFT_TESTS, i;
+    count_tests(error, e, made);
+    for (i = 0; i < RVAFT_FIELDS; i++) {
+        made[size++] = (uint8_t)e->field[i].tag;
+    }
+    made[size++] = (uint8_t)(e->has_time != 0);
+    for (i = 0; i < RVAFT_TEXTS_APART; i++) {
+        const rvaft_value *v = &e->field[texts_apart[i]];
+        if (v->tag == RVAFT_TEXT) {
+            uint32_t some = v->size < LONGEST_TEXT ? v->size : LONGEST_TEXT;
+            memcpy(made + size, &some, sizeof some);
+            memcpy(made + size + sizeof some, v->text, some);
+            size += (uint32_t)sizeof some + some;
+        }
+    }
+    return size;
+}
+
+static void count_group(event_counts *c, uint64_t seed, const rvaft_event *e) {
+    uint8_t made[SIGNATURE];
+    int error = 0;
+    uint32_t size = signature_of(&error, e, made), hash = hash_bytes(seed, (const char *)made, size), i;
+    event_group *g;
+    if (error != 0) {
+        c->declined = "a number of more than 64 bits";
+        return;
+    }
+    for (i = c->head[hash % GROUPS]; i != 0; i = c->item[i - 1].next) {
+        g = &c->item[i - 1];
+        if (g->hash == hash && g->size == size && memcmp(g->signature, made, size) == 0) {
+            break;
+        }
+    }
+    if (i == 0) {
+        if (c->groups >= GROUPS) {
+            c->declined = "too many kinds of events";
+            return;
+        }
+        g = &c->item[c->groups];
+        g->hash = hash;
+        g->size = size;
+        memcpy(g->signature, made, size);
+        g->next = c->head[hash % GROUPS];
+        c->groups++;
+        c->head[hash % GROUPS] = c->groups;
+    }
+    if (g->total < FIRST_PLACES) {
+        g->first[g->total] = e->at;
+    }
+    g->total++;
+}
+
+/* Note the time of an event, and whether it goes back by more than events may be late. */
+static void count_time(event_counts *c, key_count *k, const rvaft_event *e) {
+#if RVAFT_TIMED
+    k = RVAFT_LATE < 0 ? &c->clock : k;
+    if (!e->has_time) {
+        return;
+    }
+    if (k->has_latest && e->time < k->latest) {
+        if (RVAFT_LATE < 0 || (uint64_t)k->latest - (uint64_t)e->time > (uint64_t)RVAFT_LATE) {
+            c->declined = "the time of an event goes back";
+        }
+        return;
+    }
+    k->latest = e->time;
+    k->has_latest = 1;
+#else
+    const rvaft_value *v = &e->field[RVAFT_CLOCK];
+    (void)k;
+    if (v->tag == RVAFT_ABSENT) {
+        return;
+    }
+    if ((v->tag != RVAFT_INTEGER && v->tag != RVAFT_REAL) ||
+        (c->last.tag != RVAFT_ABSENT && compare_numbers(v, &c->last) < 0)) {
+        c->declined = "the time of an event goes back, or is no number";
+        return;
+    }
+    c->last = plain(v->tag);
+    c->last.integer = v->integer;
+    c->last.real = v->real;
+#endif
+}
+
+static void count_event(event_counts *c, const rvaft_monitor *m, const rvaft_reader *r, const rvaft_event *e) {
+    key_count *k = &c->keyless;
+    if (r->odd) {
+        c->declined = "a number is not finite";
+        return;
+    }
+#if RVAFT_KEYED
+    k = m->key < RVAFT_KEYS ? &c->key[m->key] : k;
+#endif
+    count_group(c, m->seed, e);
+    if (k != &c->keyless || !RVAFT_KEYED || RVAFT_LATE < 0) {
+        count_time(c, k, e);
+    }
+    if (k->total == 0) {
+        k->first = e->at;
+    }
+    k->total++;
+}
+
+#endif
+
 /* A log that a program hands over in blocks of whole lines. */
 typedef struct rvaft_log {
     int32_t verdict; /* after the last event, or an error */
@@ -39,6 +184,9 @@ typedef struct rvaft_log {
     int repeat;
     rvaft_monitor monitor;
     rvaft_reader reader;
+#if RVAFT_COUNTED
+    event_counts counts;
+#endif
 } rvaft_log;
 
 RVAFT_API size_t rvaft_log_size(void) { return sizeof(rvaft_log); }
@@ -76,6 +224,11 @@ RVAFT_API size_t rvaft_log_read(rvaft_log *l, const char *text, size_t size) {
                 }
                 verdict = rvaft_step(&l->monitor, &e);
             }
+#if RVAFT_COUNTED
+            if (verdict >= 0 && l->counts.declined == NULL) {
+                count_event(&l->counts, &l->monitor, &l->reader, &e);
+            }
+#endif
             l->verdict = verdict;
             l->reason = l->reader.reason;
         }
@@ -91,6 +244,42 @@ RVAFT_API size_t rvaft_log_read(rvaft_log *l, const char *text, size_t size) {
     }
     return at;
 }
+
+#if RVAFT_COUNTED
+
+/* Why the counts are not those of the log, or NULL. */
+RVAFT_API const char *rvaft_log_declined(const rvaft_log *l) { return l->counts.declined; }
+
+RVAFT_API uint32_t rvaft_log_groups(const rvaft_log *l) { return l->counts.groups; }
+
+/* The number of events of a group; writes the places of the first ones. */
+RVAFT_API uint64_t rvaft_log_group(const rvaft_log *l, uint32_t number, place *to) {
+    memcpy(to, l->counts.item[number].first, sizeof l->counts.item[number].first);
+    return l->counts.item[number].total;
+}
+
+RVAFT_API uint32_t rvaft_log_keys(const rvaft_log *l) {
+#if RVAFT_KEYED
+    return l->monitor.keys.count;
+#else
+    (void)l;
+    return 0;
+#endif
+}
+
+/* The number of events of a key, or (behind the last key) of those without one; writes the place of
+   the first one. */
+RVAFT_API uint64_t rvaft_log_key(const rvaft_log *l, uint32_t number, place *to) {
+    const key_count *k = &l->counts.keyless;
+#if RVAFT_KEYED
+    k = number < l->monitor.keys.count ? &l->counts.key[number] : k;
+#endif
+    (void)number;
+    *to = k->first;
+    return k->total;
+}
+
+#endif
 
 #endif
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from rvaft.core.property import Property
-from rvaft.core.scenarios import Scenario, scenarios
+from rvaft.core.scenarios import Ready, Scenario, scenarios
 from rvaft.core.times import Extreme, TimeDifference, differences
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, conjuncts, variables
@@ -124,19 +124,16 @@ def stages_of(prop: Property, semantics: Semantics, limit: int) -> StageTable:
 def _downward_closed(scenario: Scenario, left: int, limit: int) -> list[int]:
     """Return the downward-closed sets of events as bits, larger ones first."""
     levels, count = [{0}], 1
+    ready = Ready(scenario.before)
     for _ in scenario.events:
         following = set[int]()
         for done in levels[-1]:
-            following.update(done | 1 << event for event in _next(scenario, done))
+            following.update(done | 1 << event for event in ready.after(done))
             if count + len(following) > left:
                 raise TooLarge("sets of events of the scenarios", limit=limit)
         count += len(following)
         levels.append(following)
     return [done for level in reversed(levels) for done in sorted(level)]
-
-
-def _next(scenario: Scenario, done: int) -> list[int]:
-    return [event for event, before in enumerate(scenario.before) if not done >> event & 1 and before & ~done == 0]
 
 
 class _Decided(NamedTuple):
@@ -152,6 +149,7 @@ class _Rows:
 
     def __init__(self, scenario: Scenario, semantics: Semantics) -> None:
         self._scenario = scenario
+        self._ready = Ready(scenario.before)
         self._ordered = semantics is Semantics.SCATTERED
         self._lasting = semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
         guards = [condition.guard for condition in scenario.conditions]
@@ -163,6 +161,8 @@ class _Rows:
         for number, event in enumerate(scenario.events):
             for name in (*rigid_variables(event.pattern), TimePoint.of("at", *event.source).name):
                 self._binds[name] = self._binds.get(name, 0) | 1 << number
+        names = dict.fromkeys(name for event in scenario.events for name in rigid_variables(event.pattern))
+        self._shared = [(name, found) for name in names if (found := self._binds[name]).bit_count() > 1]
 
     def _known(self, slot: Slot, done: int) -> bool:
         return all(self._binds[name] & done for name in slot.names)
@@ -177,10 +177,7 @@ class _Rows:
         """Return the slots, the number of exact ones, and the directions of the others."""
         pending = self._pending(done)
         found = {slot: None for one in pending for slot in one.slots if self._some(slot, done)}
-        for number, event in enumerate(self._scenario.events):
-            if not done >> number & 1:
-                shared = (name for name in rigid_variables(event.pattern) if self._binds[name] & done)
-                found.update((Slot((name,)), None) for name in shared)
+        found.update((Slot((name,)), None) for name, events in self._shared if events & done and events & ~done)
         smaller = {slot: wanted for slot in found if (wanted := self._direction(slot, pending)) is not None}
         exact = sorted((slot for slot in found if slot not in smaller), key=str)
         others = sorted(smaller, key=str)
@@ -203,7 +200,7 @@ class _Rows:
 
     def stage(self, done: int, found: dict[int, int], known: Sequence[TableStage]) -> TableStage:
         """Return the stage after these events; `found` has the stages of larger sets."""
-        following = _next(self._scenario, done)
+        following = self._ready.after(done)
         if not following:
             return DETECTED
         slots, exact, smaller = self._live(done)

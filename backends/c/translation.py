@@ -63,7 +63,26 @@ KeyField = tuple[tuple[str, ...], tuple[str, ...]]
 """The paths of a key in an event: the second is read where the first is absent."""
 
 
-def translation(prop: Property, semantics: Semantics, limit: int, key: Sequence[KeyField] = ()) -> WrittenMonitor:
+@dataclass(frozen=True)
+class EventTests:
+    """The tests by which a monitor groups the events of a log, to count them.
+
+    Events of a group pass the same tests, and have the same texts in the fields `apart`. `clock` is the
+    field of times where a tree declares none.
+    """
+
+    letters: Sequence[tuple[Pattern, Guard | None]]
+    apart: Sequence[str]
+    clock: str
+
+
+def translation(
+    prop: Property,
+    semantics: Semantics,
+    limit: int,
+    key: Sequence[KeyField] = (),
+    counted: EventTests | None = None,
+) -> WrittenMonitor:
     """Return one self-contained C file, which monitors each value of a key as a log of its own.
 
     Raises `NotExpressible` and `TooLarge`.
@@ -73,11 +92,18 @@ def translation(prop: Property, semantics: Semantics, limit: int, key: Sequence[
     found = stages_of(prop, semantics, limit)
     if not found.starts:  # no scenario is feasible: one that waits for nothing
         found = StageTable((*found.stages, TableStage((), 0, (), (), (), 1)), (len(found.stages),))
-    return _Writer(prop, semantics, found, key).written()
+    return _Writer(prop, semantics, found, key, counted).written()
 
 
 class _Writer:
-    def __init__(self, prop: Property, semantics: Semantics, found: StageTable, key: Sequence[KeyField]) -> None:
+    def __init__(
+        self,
+        prop: Property,
+        semantics: Semantics,
+        found: StageTable,
+        key: Sequence[KeyField],
+        counted: EventTests | None,
+    ) -> None:
         self._prop = prop
         self._semantics = semantics
         self._found = found
@@ -85,6 +111,7 @@ class _Writer:
         self._fields = EventFields()
         self._key = [(self._fields.number(first), self._fields.number(second)) for first, second in key]
         self._fields.whole.update(*self._key)
+        self._counted = counted
         self._guards: dict[str, int] = {}
         self._patterns: dict[Pattern, int] = {}
         self._tests: list[str] = []
@@ -150,6 +177,31 @@ class _Writer:
             )
         )
 
+    def _count_tests(self, counted: EventTests) -> str:
+        """Return the function that tests an event for its group: 1 for a pattern, 2 for its guard."""
+        lines = list[str]()
+        for number, (pattern, when) in enumerate(counted.letters):
+            test, bound = self._fields.tests(pattern)
+
+            def term(guard: Guard, bound: Mapping[str, int] = bound) -> str | None:
+                return f"E({bound[guard.name]})" if isinstance(guard, Variable) else None
+
+            guarded = "" if when is None else f" + (holds({expression(when, term)}) ? 2 : 0)"
+            lines.append(f"    fits[{number}] = ({test}) ? (uint8_t)(1{guarded}) : 0;\n")
+        apart = [str(self._fields.number((name,))) for name in counted.apart]
+        clock = "" if self._prop.time else f"#define RVAFT_CLOCK {self._fields.number((counted.clock,))}\n"
+        return "".join(
+            (
+                f"#define RVAFT_TESTS {max(1, len(lines))}\n#define RVAFT_TEXTS_APART {len(apart)}U\n{clock}",
+                _array("uint16_t", "texts_apart", apart or ["0"]),
+                "/* Which patterns an event matches, and with which guards. */\n",
+                "static void count_tests(int *error, const rvaft_event *e, uint8_t *fits) {\n",
+                "    (void)error;\n    (void)e;\n",
+                *(lines or ["    fits[0] = 0;\n"]),
+                "}\n\n",
+            )
+        )
+
     def written(self) -> WrittenMonitor:
         """Return the text."""
         stages = self._found.stages
@@ -170,6 +222,7 @@ class _Writer:
                 moves.append(self._move(number, move, links))
                 owners.append(number)
         relevance = self._relevance() if self._semantics.projects else ""
+        relevance += "" if self._counted is None else self._count_tests(self._counted)
         time = self._time()
         runtime, *others = (files("backends.c").joinpath(name).read_text("utf-8") for name in _FILES)
         head, tail = runtime.split(_MARK)
@@ -255,6 +308,7 @@ class _Writer:
             "TIMED": int(self._prop.time is not None),
             "EXPIRIES": int(expiring),
             "KEYED": int(bool(self._key)),
+            "COUNTED": int(self._counted is not None),
             **({"KEY_FIELDS": len(self._key)} if self._key else {}),
         }
         lines = [f"#ifndef RVAFT_{name}\n#define RVAFT_{name} {value}\n#endif\n" for name, value in defaults.items()]

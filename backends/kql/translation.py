@@ -116,12 +116,25 @@ class KqlQuery:
         self.number = {event: place for place, event in enumerate(prop.events, 1)}
         self.timed = any(one.times for one in self.scenarios)
         self.lets: dict[str, str] = {}
-        """The queries of events, by their names."""
+        """The names of the queries of events, by query."""
+        variables = (name for one in self.scenarios for name in one.binders if name not in one.times)
+        self._names = {name: number for number, name in enumerate(dict.fromkeys(variables), 1)}
+        """The variables of events, each with its number."""
+        own = {"trace", "detected", "branch", "nodes", *(f"v{place}" for place in range(len(self._names) + 1))}
+        self._shown = {
+            name: identifier(name)
+            if _NAME.fullmatch(name) and name not in own and not name.startswith("__")
+            else f"v{number}"
+            for name, number in self._names.items()
+        }
+        """The columns of variables in the result."""
+        self._own = {f"{column}_" for column in (*_OWN, *self._names)}
+        self._taken = {*self.columns.values(), self.header.table}
 
     def text(self) -> tuple[str, Metrics]:
         """Return the text and its metrics."""
         queries = [self._scenario(one) for one in self.scenarios]
-        lets = [f"let {name} = {query};\n" for name, query in self.lets.items()]
+        lets = [f"let {name} = {query};\n" for query, name in self.lets.items()]
         if len(queries) > 1:
             names = [self._free(f"scenario_{number}") for number in range(1, len(queries) + 1)]
             lets += [f"let {name} = {query};\n" for name, query in zip(names, queries, strict=True)]
@@ -141,8 +154,7 @@ class KqlQuery:
             yield f"Rows with equal {json.dumps(self.header.position)} are not ordered."
 
     def _free(self, name: str) -> str:
-        own = {f"{column}_" for column in (*_OWN, *self._names)}
-        while name in {*self.lets, *self.columns.values(), self.header.table} or name.rstrip("0123456789") in own:
+        while name in self._taken or name.rstrip("0123456789") in self._own:
             name = f"{name}_1"
         return name
 
@@ -166,13 +178,11 @@ class KqlQuery:
         shown += [f"one_{own} = 1"] if alone else []
         tests = f"\n| where {' and '.join(dict.fromkeys(where))}" if where else ""
         query = f"{identifier(self.header.table)}{tests}\n| project {', '.join(shown)}"
-        for name, known in self.lets.items():
-            if known == query:
-                return name
-        node = event.source.node if _WORD.fullmatch(event.source.node) else "event"
-        name = self._free(f"{node}_{own}".replace("__", "_"))
-        self.lets[name] = query
-        return name
+        if query not in self.lets:
+            node = event.source.node if _WORD.fullmatch(event.source.node) else "event"
+            self.lets[query] = self._free(f"{node}_{own}".replace("__", "_"))
+            self._taken.add(self.lets[query])
+        return self.lets[query]
 
     def _literal_test(self, path: Path, literal: Literal) -> str:
         column = self.columns[path]
@@ -184,13 +194,8 @@ class KqlQuery:
 
     def _column(self, variable: str, event: Event) -> str:
         plain = _WORD.fullmatch(variable) and variable not in _OWN
-        name = variable if plain else f"v{[*self._names].index(variable) + 1}"
+        name = variable if plain else f"v{self._names[variable]}"
         return f"{name}_{self.number[event]}"
-
-    @property
-    def _names(self) -> dict[str, None]:
-        """The variables of events."""
-        return {name: None for one in self.scenarios for name in one.binders if name not in one.times}
 
     # Scenarios.
 
@@ -278,11 +283,8 @@ class KqlQuery:
             rows.setdefault(event.source.node, []).append(f"pos_{self.number[event]}")
         nodes = (f"{text_literal(node)}, {_several('pack_array', found)}" for node, found in rows.items())
         yield f"nodes = bag_pack({', '.join(nodes)})"
-        for number, name in enumerate(self._names, 1):
-            if name in one.binders:
-                own = {"trace", "detected", "branch", "nodes"} | {f"v{place}" for place in range(len(self._names) + 1)}
-                plain = _NAME.fullmatch(name) and name not in own and not name.startswith("__")
-                yield f"{identifier(name) if plain else f'v{number}'} = {self._column(name, one.binders[name][0])}"
+        for name in sorted(one.binders.keys() - one.times.keys(), key=self._names.__getitem__):
+            yield f"{self._shown[name]} = {self._column(name, one.binders[name][0])}"
 
     # Times.
 

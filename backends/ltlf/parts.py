@@ -249,19 +249,30 @@ def _placed(form: NumberedParts) -> GuardsOf | int:
             above[inner] = above.get(inner, -1) & above[number]
     placed: defaultdict[Event, list[Guard]] = defaultdict(list)
     events = [number for number in kept if form.parts[number].op is PartKind.EVENT]
-    names = {event: frozenset(rigid_variables(form.parts[event].event.pattern)) for event in events}
+    binding: defaultdict[str, dict[int, int]] = defaultdict(dict)
+    """The events of each variable, each with its place."""
+    for place, event in enumerate(events):
+        for name in rigid_variables(form.parts[event].event.pattern):
+            binding[name][event] = place
+    parents: defaultdict[int, list[int]] = defaultdict(list)
+    for whole in kept:
+        for inner in form.parts[whole].parts:
+            parents[inner].append(whole)
     for number, guard in form.guards:
         if number not in below:
             continue
         together = below[number]
         """The parts that some scenario may contain beside the condition."""
-        for part in (form.parts[whole] for whole in kept if below[whole] >> number & 1):
-            leading = {inner for inner in part.parts if below[inner] >> number & 1}
-            if part.op is not PartKind.ONE and leading:
+        wholes = {number}
+        for whole in (agenda := [number]):
+            agenda += (new := [one for one in parents[whole] if one not in wholes])
+            wholes.update(new)
+        for part in (form.parts[whole] for whole in wholes):
+            leading = set[int]() if part.op is PartKind.ONE else wholes & {*part.parts}
+            if leading:
                 together |= union(below[inner] for inner in part.parts if leading != {inner})
-        for event in events:
-            if names[event].isdisjoint(guard_variables(guard)):
-                continue
+        having = {event: place for name in guard_variables(guard) for event, place in binding[name].items()}
+        for event in sorted(having, key=having.__getitem__):
             if certain[event] >> number & 1:
                 placed[form.parts[event].event].append(guard)
             elif together >> event & 1:

@@ -16,13 +16,14 @@ from backends.mfotl.monpoly import Column, MfotlHeader
 from backends.orders import Orders
 from rvaft.backend import Metrics
 from rvaft.core.conditions import Unsayable
-from rvaft.core.patterns import overlaps
+from rvaft.core.patterns import Overlaps, overlaps
 from rvaft.core.property import Event, Property
-from rvaft.core.scenarios import Scenario
+from rvaft.core.scenarios import Scenario, direct
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
 from rvaft.model.verdict import Semantics
+from rvaft.support.bits import bits
 
 _ILLEGAL: Final = re.compile(r"[^a-z0-9_]+")
 _TOKEN: Final = re.compile(r'"[^"]*"|\w+(?:\.\d+)?|[^\s\w]')
@@ -81,8 +82,10 @@ class MfotlFormula:
         return f"{self._header}{formula}\n", Metrics(symbols=len(_TOKEN.findall(formula)), subformulas=self._size)
 
     def _disjuncts(self, scenario: Scenario) -> Iterator[str]:
-        after = self._orders.after(scenario)
-        events = sorted(after, key=lambda event: -len(after[event]))
+        later = Counter(one for before in scenario.before for one in bits(before))
+        order = sorted(range(len(scenario.events)), key=lambda one: -later[one])
+        events = [scenario.events[one] for one in order]
+        rank = {one: number for number, one in enumerate(order)}
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in events}
         conditions, ways = Conditions(self._times, bound.values(), self._column), list[Ways]()
 
@@ -107,24 +110,25 @@ class MfotlFormula:
         atoms = [self._atom(name, tuple(own[name]), columns[name], places[name]) for name in events]
         bound_names = [*map(self._column, arguments), *places.values()]
         if self._semantics.projects:
+            places_of = {name: number for number, name in enumerate(events)}
             letters = {name: (name, scenario.conditions) for name in events}
             for word in self._orders.words(scenario, letters):
-                numbers = [events.index(name) for name, _ in word]
+                numbers = [places_of[name] for name, _ in word]
                 for way in both(*ways):
                     self._spend(len(word) + len(way))
                     yield self._chain([atoms[number] for number in numbers], way, bound_names)
             return
         orders: list[list[str]] = []
-        for name in events:
-            earlier = [one for one in events if name in after[one]]
-            last = [one for one in earlier if after[one].isdisjoint(earlier)]
-            orders.append([f"{places[one]} < {places[name]}" for one in last])
-            if self._semantics is Semantics.STRICT and not after[name]:
+        alike = Overlaps([event.pattern for event in events])
+        for number, (one, name) in enumerate(zip(order, events, strict=True)):
+            last = sorted(rank[before] for before in direct(scenario.before, one))
+            orders.append([f"{places[events[before]]} < {places[name]}" for before in last])
+            if self._semantics is Semantics.STRICT and not later[one]:
                 orders[-1].append(f"{places[name]} < {len(events)}")
-        for number, name in enumerate(events):
-            for other in events[:number]:
-                if name not in after[other] and overlaps(name.pattern, other.pattern):
-                    orders[number].append(f"NOT ({places[other]} = {places[name]})")
+            for other in bits(alike.compatible(number) & (1 << number) - 1):
+                ordered = scenario.before[one] >> order[other] & 1
+                if not ordered and overlaps(name.pattern, events[other].pattern):
+                    orders[-1].append(f"NOT ({places[events[other]]} = {places[name]})")
         for way in both(*ways):
             self._spend(len(events) + sum(map(len, orders)) + len(way))
             yield _conjunction([f"(ONCE {atom})" for atom in atoms], orders, way, bound_names)

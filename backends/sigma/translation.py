@@ -71,6 +71,7 @@ class SigmaRules:
         about = rule_metadata(self._prop.tree)
         if nest.within is None and self._is_step(nest):
             return self._alone(about, nest)
+        self._fits(len(set(map(self._key, self._single(nest)))))  # each has its rule
         whole = {**about, "correlation": self._correlation(nest)}
         whole |= {} if self._time is None else {"rvaft": self._time}
         documents = [*sorted(self._documents.values(), key=lambda one: "correlation" in one), whole]
@@ -235,6 +236,14 @@ class SigmaRules:
             return nest.within is None
         several = nest.op is PartKind.ONE and not self._groups and all(one.op is PartKind.EVENT for one in nest.parts)
         return several and all(self._logsource(one) == self._logsource(nest.parts[0]) for one in nest.parts)
+
+    def _single(self, nest: Nest) -> Iterator[Nest]:
+        """Yield the steps of one event."""
+        if nest.op is PartKind.EVENT:
+            yield nest
+        elif not self._is_step(nest):
+            for part in nest.parts:
+                yield from self._single(part)
 
     def _is_chain(self, nest: Nest) -> bool:
         return nest.op is PartKind.SEQUENCE and all(map(self._is_step, nest.parts))

@@ -120,6 +120,8 @@ class SqlQuery:
         """Whether the table is one log."""
         self.tables: dict[str, str] = {}
         """Table names by query."""
+        self._known_tables = Counter[str]()
+        """The number of tables by the letters of their names."""
         self.late = None if prop.time is None else prop.time.late
         self.timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
         self.scenarios = (
@@ -142,6 +144,7 @@ class SqlQuery:
         self.variables = [
             *dict.fromkeys(name for one in self.scenarios for name in one.binders if name not in one.times)
         ]
+        self._columns = {name: f"v{number}" for number, name in enumerate(self.variables, 1)}
 
     def text(self) -> tuple[str, Metrics]:
         """Return the text and its metrics."""
@@ -198,8 +201,8 @@ class SqlQuery:
         if query not in self.tables:
             source = self.rows.table.table.lower() if isinstance(self.rows, TableRows) else "events"
             letter += "_" * (source.rstrip("0123456789") == letter)  # not the name of the table of events
-            known = sum(name.rstrip("0123456789") == letter for name in self.tables.values())
-            self.tables[query] = f"{letter}{known + 1}"
+            self._known_tables[letter] += 1
+            self.tables[query] = f"{letter}{self._known_tables[letter]}"
         return self.tables[query]
 
     def _places(self) -> str:
@@ -247,7 +250,7 @@ class SqlQuery:
         return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {places} WHERE {' AND '.join(where)}", "n")
 
     def _column(self, variable: str) -> str:
-        return f"v{self.variables.index(variable) + 1}"
+        return self._columns[variable]
 
     def condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
         """Return the condition that an event matches a pattern with guards on it alone."""

@@ -183,7 +183,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             native_run = _native_run(part, semantics, given) if given["native"] else None
             plans.append(plan_of(part, whole, given, native_run))
     parts = [plan.monitors.columns[0].part for plan in plans]
-    engine = None if given["engine"] is None else engine_class(given["engine"])(plans[0])
+    engine: QueryEngine | None = None if given["engine"] is None else engine_class(given["engine"])(plans[0])
     traces = _traces(given, list(wholes.values()))
     if given["native"]:
         other = next((one.reader.name for one in traces.sources if one.reader is not None), None)
@@ -197,6 +197,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
                 warn(AFRESH.format(what="nothing was detected"))
             return FAILED if traces.missing.met else status
     _check_traces(given, traces, engine)
+    if engine is None and native_run is not None and (given["form"] == "text" or given["detections"]):
+        engine = native_run.engine(plans[0])
     checkpoints = _checkpoints(given, traces.sources, plans)
     drawing = None if given["explain"] == TERMINAL else given["explain"]
     options.require_writable(one for one in (drawing, given["checkpoint"]) if one is not None)

@@ -394,7 +394,8 @@ class _Run(Listener):
         except Declined as reason:
             if answer is not None:
                 answer.close()
-            self.sink.warn(f"{trace.name} is read without {engine.name}: {reason}")
+            if engine.says_so:
+                self.sink.warn(f"{trace.name} is read without {engine.name}: {reason}")
             return None
         return answer
 

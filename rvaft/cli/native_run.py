@@ -4,35 +4,41 @@ Events are read as without `--native`. `NativeRun` passes each block of the log 
 before the block is read, and `NativeMatches` detects at the events that the compiled monitor named.
 """
 
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from copy import copy
 from dataclasses import replace
-from io import BufferedIOBase
+from io import BufferedIOBase, RawIOBase
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, BinaryIO, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
+from typing import Any, BinaryIO, ClassVar, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
 
 import msgspec
 
 from rvaft.api import monitor
 from rvaft.backend import Specification, backend
 from rvaft.cli import warn
-from rvaft.core.classifier import TreeReads
+from rvaft.core.classifier import Scope, TreeReads
 from rvaft.core.passes import followed, property_of
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.strategy import Strategy
-from rvaft.errors import OptionError, RvaftError, TooLarge, ToolFailed, TraceError
+from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, TraceError
+from rvaft.model.guards import Guard
+from rvaft.model.nodes import Assumption
+from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, finite_decimal
+from rvaft.model.values import Json, JsonObject, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation, Pending
 from rvaft.readers.json_lines import decode, event_on
-from rvaft.readers.log import BOM
+from rvaft.readers.log import BOM, LogReader
 from rvaft.stream.keys import Key
 from rvaft.stream.listeners import EventBuffer
+from rvaft.stream.plan import TIME, MonitoringPlan
+from rvaft.stream.whole_log import Declined, EventCount, LogAnswer, Place, QueryEngine
+from rvaft.support.files import SUFFIXES as COMPRESSED
 
 BACKEND: Final = "c"
 _ACCEPTED: Final[msgspec.json.Decoder[Json]] = msgspec.json.Decoder(float_hook=finite_decimal)
@@ -61,6 +67,23 @@ class CompiledLog(Protocol):
     def read(self, data: bytes, *, ended: bool = False) -> Iterator[Sequence[tuple[int, int, int]]]:
         """Read a piece of the log, and yield the places of the events of each detection."""
 
+    def read_file(self, stream: RawIOBase) -> Iterator[Sequence[tuple[int, int, int]]]:
+        """Read a whole log, and yield the same."""
+
+    @property
+    def declined(self) -> str | None:
+        """Why the counts are not those of the log, if they are not."""
+
+    @property
+    def total(self) -> int:
+        """The number of events."""
+
+    def group_counts(self) -> Iterator[tuple[int, Sequence[tuple[int, int, int]]]]:
+        """Yield the number of events of each group, and the places of the first ones."""
+
+    def key_counts(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
+        """Yield the number of events of each key and the place of the first one, then of those without a key."""
+
     def close(self) -> None:
         """Release the memory of the monitor."""
 
@@ -71,6 +94,13 @@ class Compiling(Protocol):
 
     def keyed(self, key: Sequence[tuple[tuple[str, ...], tuple[str, ...]]]) -> Self:
         """Return a backend whose monitors regard each value of a key as a log of its own."""
+
+    def counted(self, letters: Sequence[tuple[Pattern, Guard | None]], apart: Sequence[str], clock: str) -> Self:
+        """Return a backend whose monitors count the events of a log in groups.
+
+        Events of a group match the same patterns with their guards, and have the same texts in the
+        fields `apart`. `clock` is the field of times where a tree declares none.
+        """
 
     def translate(self, tree: RVAFT, semantics: Semantics) -> Specification:
         """Return the tree as a text."""
@@ -100,6 +130,15 @@ def refused(failure: TraceError, log: BinaryIO) -> TraceError:
     return failure
 
 
+def _accepted(line: bytes, reads: Scope) -> JsonObject:
+    """Return the event of a line that a native monitor has accepted."""
+    line = line.removeprefix(BOM)
+    try:
+        return cast("JsonObject", _ACCEPTED.decode(line))
+    except (msgspec.DecodeError, RecursionError):  # NaN, or a lone surrogate that is not read
+        return cast("JsonObject", decode(line.rstrip(b"\r\n"), reads=reads))
+
+
 class MatchExplainer:
     """Explains detections by the engine, which reads only the events of the match."""
 
@@ -112,11 +151,7 @@ class MatchExplainer:
         events, engine = dict[int, Json](), self._start.fork()
         for number, _, offset in places:
             log.seek(offset)
-            line = log.readline().removeprefix(BOM)
-            try:
-                events[number] = _ACCEPTED.decode(line)
-            except (msgspec.DecodeError, RecursionError):  # NaN, or a lone surrogate that is not read
-                events[number] = decode(line.rstrip(b"\r\n"), reads=self._reads)
+            events[number] = _accepted(log.readline(), self._reads)
         verdicts, numbers = list(engine.run([*events.values()])), [*events]
         found = engine.explanation
         if found is None or verdicts.index(Verdict.TRUE) < len(verdicts) - 1:
@@ -167,6 +202,8 @@ class NativeRun:
     def __init__(self, part: RVAFT, *, key: Key | None, keys: int, repeat: bool) -> None:
         fields = () if key is None else tuple(((one.text,), one.path) for one in key.fields)
         self._backend = compiling().keyed(fields)
+        self.keyed = key is not None
+        self._part = part
         self._text = self._backend.translate(part, Semantics.SCATTERED).text
         self._keys, self._repeat = keys, repeat
         self._explainer = MatchExplainer(part)
@@ -175,7 +212,8 @@ class NativeRun:
         self._log: CompiledLog | None = None
         self._copy: BinaryIO | None = None
         self._name = ""
-        self._buffer = EventBuffer()
+        self.buffer = EventBuffer()
+        """The buffer to which the events of matches are added."""
 
     @contextmanager
     def trace(self, name: str, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
@@ -185,7 +223,8 @@ class NativeRun:
         """
         self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
         self._found.clear()
-        self._name, self._buffer = name, buffer
+        self._name = name
+        self.buffer = buffer
         with ExitStack() as stack:
             stack.callback(self._log.close)
             if file is None:
@@ -199,9 +238,39 @@ class NativeRun:
         if self._found:
             raise ToolFailed("the native monitor", reason=f"event {min(self._found)} is no detection of the engine")
 
+    def engine(self, plan: MonitoringPlan) -> "NativeLogs | None":
+        """Return the engine that reads whole logs by the compiled monitor alone, or None if it does not know all."""
+        types = plan.monitors.types
+        if types.tree.assumes - {Assumption.ORDER} or plan.strict_json:
+            return None
+        letters = [(letter.pattern, letter.when) for _, _, letter in types.letters]
+        try:
+            counting = self._backend.counted(letters, types.discriminators.fields, TIME)
+            self._text = counting.translate(self._part, Semantics.SCATTERED).text
+        except NotExpressible:  # a test of an event that no match uses
+            return None
+        return NativeLogs(plan, self)
+
+    def answer(self, path: Path) -> "NativeAnswer":
+        """Return what the compiled monitor finds in a file; raises `Declined` where it may not know all."""
+        log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
+        with ExitStack() as stack:
+            stack.callback(log.close)
+            self._log, self._name = log, str(path)
+            self._found.clear()
+            with path.open("rb", buffering=0) as stream:
+                self._note(log.read_file(stream))
+            if log.failure is not None or log.declined is not None:
+                raise Declined(log.declined or str(log.failure))
+            self._copy = stack.enter_context(path.open("rb"))
+            return NativeAnswer(self, log, self._copy, self._found, stack.pop_all())
+
     def _feed(self, data: bytes) -> None:
         assert self._log is not None, "the trace has begun"
-        for places in self._log.read(data, ended=not data):
+        self._note(self._log.read(data, ended=not data))
+
+    def _note(self, detections: Iterable[Sequence[tuple[int, int, int]]]) -> None:
+        for places in detections:
             self._found[places[-1][0]] = [MatchedLine(*one) for one in places]
 
     def _feed_and_copy(self, data: bytes) -> None:
@@ -229,8 +298,75 @@ class NativeRun:
         """Return the match of these events by the engine, after storing them in the buffer."""
         assert self._copy is not None, "the trace has begun"
         found, events = self._explainer.explained(self._copy, places)
-        self._buffer.remember_all([*events.items()], [one.line for one in places])
+        self.buffer.remember_all([*events.items()], [one.line for one in places])
         return found
+
+
+class NativeLogs(QueryEngine):
+    """The compiled monitor as the reader of whole files of JSON Lines.
+
+    It declines a log where an event may cause a warning or an error.
+    """
+
+    name: ClassVar[str] = "the native monitor"
+    formats: ClassVar[frozenset[str]] = frozenset({"jsonl"})
+    says_so: ClassVar[bool] = False
+
+    def __init__(self, plan: MonitoringPlan, run: NativeRun) -> None:
+        self._plan, self._run = plan, run
+
+    def ask(self, path: Path, reader: LogReader | None) -> "NativeAnswer":
+        """Return what is in a log; raises `Declined`."""
+        if reader is not None or path.suffix.lower() in COMPRESSED or not path.is_file():
+            raise Declined("the log is no plain file of JSON Lines")
+        return self._run.answer(path)
+
+
+class NativeAnswer(LogAnswer):
+    """The counts and detections of a log that a compiled monitor has read; `found` are the matches by last event."""
+
+    def __init__(
+        self,
+        run: NativeRun,
+        log: CompiledLog,
+        file: BinaryIO,
+        found: Mapping[int, Sequence[MatchedLine]],
+        opened: ExitStack,
+    ) -> None:
+        self._run, self._file, self._found, self._opened = run, file, found, opened
+        self._places = {places[-1].number: places[-1] for places in found.values()}
+        self.total = log.total
+        self.groups = [EventCount(total, self._noted(places)) for total, places in log.group_counts()]
+        *keys, (keyless, first) = [(total, self._noted([place])) for total, place in log.key_counts()]
+        self.keys = [EventCount(total, places) for total, places in keys]
+        self.keyless = EventCount(keyless, first) if keyless and run.keyed else None
+        self.noted = ()
+        self.selected = sorted(found)
+
+    def _noted(self, places: Sequence[tuple[int, int, int]]) -> list[int]:
+        self._places.update((one[0], MatchedLine(*one)) for one in places if one[0])
+        return [one[0] for one in places]
+
+    def begin(self, buffer: EventBuffer) -> None:
+        """Add the events of matches to this buffer."""
+        self._run.buffer = buffer
+
+    def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[Place]:
+        """Yield the events with these numbers."""
+        for number in numbers:
+            place = self._places[number]
+            self._file.seek(place.offset)
+            yield number, place.line, _accepted(self._file.readline(), reads)
+            if numbers is self.selected and number in self._found:
+                raise ToolFailed("the native monitor", reason=f"event {number} is no detection of the engine")
+
+    def of_keys(self) -> Iterator[tuple[int, int]]:
+        """Yield nothing: no listener of each event has this answer."""
+        return iter(())
+
+    def close(self) -> None:
+        """Close the log, and release the memory of the monitor."""
+        self._opened.close()
 
 
 class NativeMatches(Strategy):

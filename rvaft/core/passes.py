@@ -328,11 +328,37 @@ Counted leaves below are expanded.
 def _windows_to_guards(prop: Property, limit: int) -> Property:
     if not prop.timed:
         return prop
-    prop = order_ends(expand_times(prop), limit)
+    prop = _windows_of_alternatives(order_ends(expand_times(prop), limit))
     try:
         return _with_guards(prop)
     except _Open:
         return _by_choices(prop, limit, lambda each, _: iter([_with_guards(each)]))
+
+
+def _windows_of_alternatives(prop: Property) -> Property:
+    """Return the property with a window of each alternative in place of a window over a choice."""
+
+    def window(of: Within, part: Part, new: Part) -> Part:
+        if part in prop.shared or part.source is None:
+            return Within(of.source, (new,), of.duration)
+        match part:
+            case One():
+                ways = zip(part.parts, new.parts, strict=True)
+                return One(part.source, tuple(alternative(of, *way) for way in ways))
+            case All(parts=(One() as choice, Condition() as condition)) if choice not in prop.shared:
+                return All(part.source, (window(of, choice, new.parts[0]), condition))
+            case _:
+                return Within(of.source, (new,), of.duration)
+
+    def alternative(of: Within, part: Part, new: Part) -> Part:
+        found = window(of, part, new)
+        child = part.source and Source(part.source.node)
+        return All(child, (found,)) if isinstance(found, Within) else found
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        return window(part, part.parts[0], parts[0]) if isinstance(part, Within) else with_parts(part, parts)
+
+    return prop.rewritten(change)
 
 
 def _with_guards(prop: Property, *, windows: bool = True, only_fixed: bool = False) -> Property:

@@ -1,5 +1,6 @@
 """Enumeration of the scenarios of a property (semantics, section 2)."""
 
+from collections import abc
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain, combinations
@@ -151,11 +152,11 @@ def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
             case Times() | EndInOrder():
                 raise AssertionError("a pass removes these before scenarios are enumerated")
             case Sequence():
-                earlier = 0
+                previous = 0  # with the parts before it, by transitivity
                 for subpart in kept[part]:
                     for event in bits(inside[subpart]):
-                        before[event] |= earlier
-                    earlier |= inside[subpart]
+                        before[event] |= previous
+                    previous = inside[subpart] or previous
             case Condition() | All() | One() | AtLeast() | Within():
                 pass
             case _:
@@ -184,6 +185,40 @@ def transitive(before: list[int]) -> tuple[int, ...] | None:
             if not waiting[later]:
                 ready.append(later)
     return tuple(closed) if len(ready) == len(before) else None
+
+
+class Ready:
+    """Which of some events may come next; `before` has the predecessors of each, as bits.
+
+    >>> Ready([0, 0b1, 0b1]).after(0b1)
+    [1, 2]
+    """
+
+    def __init__(self, before: abc.Sequence[int]) -> None:
+        self._before = before
+        self._events = [0] * (len(before) + 1)
+        """For each number of earlier events, the events with at most so many predecessors."""
+        for event, earlier in enumerate(before):
+            self._events[earlier.bit_count()] |= 1 << event
+        for count in range(1, len(self._events)):
+            self._events[count] |= self._events[count - 1]
+
+    def after(self, done: int) -> list[int]:
+        """Return the events, in order, whose predecessors are done."""
+        return [event for event in bits(self._events[done.bit_count()] & ~done) if not self._before[event] & ~done]
+
+
+def direct(before: abc.Sequence[int], event: int) -> list[int]:
+    """Return the predecessors of an event without those of another predecessor."""
+    found, left = list[int](), before[event]
+    while left:  # find one that precedes none of the rest
+        last = left.bit_length() - 1
+        for one in bits(left):
+            if before[one] >> last & 1:
+                last = one
+        found.append(last)
+        left &= ~(before[last] | 1 << last)
+    return sorted(found)
 
 
 def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Scenario]:

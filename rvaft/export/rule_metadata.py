@@ -1,8 +1,9 @@
 """The metadata that a tree gives to rules and alerts: title, id, description, level and tags."""
 
 import re
+from functools import lru_cache
 from typing import Any, Final
-from uuid import NAMESPACE_URL, uuid5
+from uuid import NAMESPACE_URL, UUID, uuid5
 
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Kind, Node
@@ -14,7 +15,12 @@ ODD: Final = re.compile(r"[\0-\2\ud800-\udfff]")
 
 def rule_id(tree: RVAFT, name: str = "") -> str:
     """Return a UUID that depends on the tree and the name of a rule."""
-    return str(uuid5(NAMESPACE_URL, f"{name} {dumps(tree)}"))
+    return str(uuid5(_tree_id(tree), name) if name else _tree_id(tree))
+
+
+@lru_cache(maxsize=16)
+def _tree_id(tree: RVAFT) -> UUID:
+    return uuid5(NAMESPACE_URL, f" {dumps(tree)}")
 
 
 def about(tree: RVAFT, name: str, node: Node) -> dict[str, Any]:

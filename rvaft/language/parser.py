@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from hashlib import sha256
-from importlib.resources import files
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, TypedDict, Unpack
@@ -54,7 +53,7 @@ def tables() -> bytes:
 
 
 def _grammar() -> str:
-    return files(__package__).joinpath("grammar.lark").read_text(encoding="utf-8")
+    return Path(__file__).with_name("grammar.lark").read_text(encoding="utf-8")
 
 
 def _title(grammar: str) -> bytes:
@@ -64,7 +63,7 @@ def _title(grammar: str) -> bytes:
 @cache
 def _parser() -> Lark:
     """Return the parser, from the stored tables if they are those of the grammar."""
-    grammar, stored = _grammar(), files(__package__).joinpath(TABLES)
+    grammar, stored = _grammar(), Path(__file__).with_name(TABLES)
     found = stored.read_bytes() if stored.is_file() else b""
     if found.startswith(title := _title(grammar)):
         parser = Lark.__new__(Lark)  # `Lark.load` takes no transformer

@@ -5,7 +5,6 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,7 +15,7 @@ from rvaft.readers.log import FieldType
 from rvaft.readers.text_lines import LinePattern, compiled
 from rvaft.rules.rule import did_you_mean
 
-_FOLDER: Final = files("rvaft.readers").joinpath("profiles")
+_FOLDER: Final = Path(__file__).with_name("profiles")
 SHIPPED: Final = sorted(one.name.removesuffix(".toml") for one in _FOLDER.iterdir())
 """The names of the shipped profiles."""
 _KEYS: Final = {"input": str, "records": str, "time": str, "by": str, "text": str, "where": dict, "pattern": list}

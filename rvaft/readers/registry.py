@@ -5,9 +5,8 @@ import warnings
 from collections.abc import AsyncIterator, Callable, Generator, Iterator, Mapping
 from contextlib import nullcontext, suppress
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from rvaft.core.classifier import Scope
 from rvaft.errors import OptionError, RvaftError, ToolFailed, WrongType, expect
@@ -29,6 +28,10 @@ from rvaft.readers.log import (
 from rvaft.readers.profile import profile as load_profile
 from rvaft.readers.text_lines import PatternReader, SyslogReader
 from rvaft.rules.rule import did_you_mean
+from rvaft.support.plugins import entry_points
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 __all__ = [
     "LogReader",
@@ -43,7 +46,7 @@ GROUP: Final = "rvaft.readers"
 
 
 @cache
-def all_readers() -> Mapping[str, EntryPoint]:
+def all_readers() -> "Mapping[str, EntryPoint]":
     """Return the registered readers by format, without importing them.
 
     >>> sorted({"csv", "json", "jsonl"} & set(all_readers()))
@@ -54,6 +57,8 @@ def all_readers() -> Mapping[str, EntryPoint]:
 
 def reader_class(name: str) -> type[LogReader]:
     """Import a reader class; raises `UnknownFormat` and `ToolFailed`."""
+    if name == JsonLinesReader.name:
+        return JsonLinesReader
     found = all_readers()
     if name not in found:
         raise UnknownFormat(name, tuple(found))

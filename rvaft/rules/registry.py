@@ -4,8 +4,8 @@ import tomllib
 from collections.abc import Iterable
 from difflib import get_close_matches
 from functools import cache
-from importlib.resources import files
 from operator import attrgetter
+from pathlib import Path
 from textwrap import indent
 from typing import Any, Final, NamedTuple
 from weakref import WeakKeyDictionary
@@ -156,7 +156,7 @@ class CodeMeaning(NamedTuple):
 @cache
 def meanings() -> dict[str, CodeMeaning]:
     """Return the explanations by code."""
-    text = files("rvaft.rules").joinpath("rules.toml").read_text(encoding="utf-8")
+    text = Path(__file__).with_name("rules.toml").read_text(encoding="utf-8")
     return {code: CodeMeaning(**words) for code, words in tomllib.loads(text).items()}
 
 

@@ -159,20 +159,31 @@ def _contradiction(bounds: list[TimeBound]) -> list[Need]:
     """Return the requirements of contradictory bounds, each once; none if the bounds are
     satisfiable.
     """
-    import networkx as nx  # noqa: PLC0415 -- slow to import
-
-    graph = nx.DiGraph()
+    least: dict[tuple[str, str], tuple[int, Need]] = {}
     for time, other, more, need in bounds:
         if time == other and more < 0:
             return [need]
-        if time != other and more < graph.get_edge_data(other, time, {"weight": more + 1})["weight"]:
-            graph.add_edge(other, time, weight=more, need=need)
-    graph.add_edges_from(("", point, {"weight": 0}) for point in list(graph))
-    try:
-        circle = nx.find_negative_cycle(graph, "")
-    except nx.NetworkXError:
+        if time != other and ((other, time) not in least or more < least[other, time][0]):
+            least[other, time] = more, need
+    # Bellman and Ford: the latest time of each point, until none changes or a circle is negative
+    latest = dict.fromkeys((point for edge in least for point in edge), 0)
+    before: dict[str, str] = {}
+    changed = ""
+    for _ in latest:
+        changed = ""
+        for (other, time), (more, _) in least.items():
+            if latest[other] + more < latest[time]:
+                latest[time], before[time], changed = latest[other] + more, other, time
+        if not changed:
+            break
+    if not changed:
         return []
-    return list(dict.fromkeys(graph.edges[step]["need"] for step in pairwise(circle)))
+    for _ in latest:  # back into the circle
+        changed = before[changed]
+    circle = [changed]
+    while circle[-1] != changed or len(circle) < 2:
+        circle.append(before[circle[-1]])
+    return list(dict.fromkeys(least[step][1] for step in pairwise(circle[::-1])))
 
 
 def too_many_events(space: ScenarioSpace) -> Iterator[RuleReport]:

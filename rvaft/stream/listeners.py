@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from importlib.metadata import entry_points
 from itertools import chain, islice, repeat
 from pathlib import Path
 from types import TracebackType
@@ -24,6 +23,7 @@ from rvaft.readers.log import BOM, Log, LogReader, failures_of, source_of
 from rvaft.stream.detection import matched_events, unlike
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Snapshots
 from rvaft.support.files import opened
+from rvaft.support.plugins import entry_points
 
 GROUP: Final = "rvaft.publishers"
 BOUND: Final = 10_000

@@ -7,7 +7,6 @@ exactly for a log, it raises `Declined`, and the log is read event by event.
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from importlib.metadata import entry_points
 from pathlib import Path
 from typing import ClassVar, Final, NamedTuple, TypeAlias
 
@@ -17,10 +16,11 @@ from rvaft.model.values import JsonObject
 from rvaft.model.values import key as value_key
 from rvaft.readers.log import LogReader
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.listeners import MonitoredTrace, VerdictChange
+from rvaft.stream.listeners import EventBuffer, MonitoredTrace, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import LOOKED_AT, Statistics
+from rvaft.support.plugins import entry_points
 
 GROUP: Final = "rvaft.engines"
 FIRST: Final = LOOKED_AT + 1
@@ -61,6 +61,10 @@ class LogAnswer(ABC):
     noted: Sequence[int]
     selected: Iterable[int]
 
+    def begin(self, buffer: EventBuffer) -> None:
+        """Begin to read events; `buffer` is for those of explanations."""
+        self.buffer = buffer
+
     @abstractmethod
     def events(self, numbers: Iterable[int], reads: Scope) -> Iterator[Place]:
         """Yield the events with these increasing numbers; raises `RvaftError` and `OSError`."""
@@ -84,6 +88,8 @@ class QueryEngine(ABC):
 
     name: ClassVar[str]
     formats: ClassVar[frozenset[str]]
+    says_so: ClassVar[bool] = True
+    """Whether a run tells that a log is read without the engine."""
 
     @abstractmethod
     def __init__(self, plan: MonitoringPlan) -> None: ...
@@ -148,6 +154,7 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
 def read(run: TraceRun, answer: LogAnswer) -> Iterator[bool]:
     """Step the monitors over the selected events, and pause after each; notify as `run.read` does."""
     run.prepare()
+    answer.begin(run.buffer)
     reads, types, keys = run.plan.reads, run.plan.monitors.types, run.keys
     watch: MonitoredTrace | None = run.watch
     unchanged = _Unchanged(run, answer)

@@ -8,7 +8,7 @@ particular order, a blank after commas and colons, coordinates with all their di
 """
 
 import sys
-from collections import Counter
+from collections import Counter, defaultdict, deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import cycle, islice
@@ -130,6 +130,66 @@ def attacks(file: Path, events: int = 300_000) -> Path:
     return file
 
 
+SSHD_TREE: Final = """event failed(ip) = { event: "failed", ip: ip };
+event accepted(ip) = { event: "accepted", ip: ip };
+time time as s late 0 s;
+semantics scattered;
+top   sand fails ok within 1 min;
+fails times 5 on failed(IP);
+ok    on accepted(IP);
+"""
+"""Five failures of one address, then a success, within a minute: the tree of the logs of `sshd`."""
+
+
+def sshd(path: Path, lines: int = 1_000_000, addresses: int = 4_000, *, seed: int = 3) -> Counter[str]:
+    """Write a day of logins, and return the number of detections of `SSHD_TREE` per address with `--key ip --repeat`.
+
+    Four lines of ten are failures, one in twenty is a success. An attack starts every 6,400 lines.
+    Times never go back.
+    """
+    random = Random(seed)
+    names = [f"10.{n >> 16 & 255}.{n >> 8 & 255}.{n & 255}" for n in range(addresses)]
+    kinds = ["failed"] * 8 + ["accepted"] + ["closed"] * 6 + ["session"] * 4 + ["invalid"]
+    users = ["root", "admin", "alice", "bob", "carol", "git", "postgres", "ubuntu"]
+    messages = {
+        "failed": "Failed password for {user} from {ip} port {port} ssh2",
+        "accepted": "Accepted password for {user} from {ip} port {port} ssh2",
+        "closed": "Connection closed by authenticating user {user} {ip} port {port} [preauth]",
+        "session": "pam_unix(sshd:session): session closed for user {user}",
+        "invalid": "Invalid user {user} from {ip} port {port}",
+    }
+    planned: dict[int, tuple[str, str]] = {}
+    failures: defaultdict[str, deque[int]] = defaultdict(lambda: deque(maxlen=5))
+    detections: Counter[str] = Counter()
+    now = 1_700_000_000_000
+
+    def text(number: int) -> str:
+        nonlocal now
+        if number % 6_400 == 100:
+            attacker = random.choice(names)
+            places = sorted(random.sample(range(number + 1, number + 400), 6))
+            planned.update((place, ("failed", attacker)) for place in places[:5])
+            planned[places[5]] = ("accepted", attacker)
+        now += random.randrange(172)
+        drawn = random.choice(kinds), random.choice(names)
+        kind, ip = planned.pop(number, drawn)
+        recent = failures[ip]
+        if kind == "failed":
+            recent.append(now)
+        elif kind == "accepted" and len(recent) == 5 and now - recent[0] <= 60_000:
+            detections[ip] += 1
+            recent.clear()
+        user = random.choice(users)
+        message = messages[kind].format(user=user, ip=ip, port=random.randrange(1024, 65536))
+        return (
+            f'{{"time": {now // 1000}.{now % 1000:03}, "event": "{kind}", "ip": "{ip}", '
+            f'"user": "{user}", "message": "{message}"}}\n'
+        )
+
+    _write(path, map(text, range(lines)))
+    return detections
+
+
 def _write(file: Path, lines: Iterator[str]) -> None:
     with file.open("w", encoding="utf-8", newline="\n") as stream:
         while block := "".join(islice(lines, 1000)):
@@ -205,6 +265,9 @@ def main(folder: Path) -> None:
         inspections(folder / "inspections_even.jsonl", readings=1),
     ):
         sys.stdout.write(f"{log.file}: {log.events} events\n")
+    (folder / "sshd.rvaft").write_text(SSHD_TREE, encoding="utf-8")
+    logins = folder / "sshd.jsonl"
+    sys.stdout.write(f"{logins}: {sshd(logins).total()} detections\n")
 
 
 if __name__ == "__main__":

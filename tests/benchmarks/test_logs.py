@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from tests.benchmarks.logs import BOUND, WAYPOINTS, Log, inspections, telemetry
+import rvaft
+from tests.benchmarks.logs import BOUND, SSHD_TREE, WAYPOINTS, Log, inspections, sshd, telemetry
 
 TOPICS = {"/move_base/goal": "goal", "/move_base/result": "result", "/radiation_sensor_plugin/sensor_0": "radiation"}
 
@@ -48,3 +49,21 @@ def test_shares(tmp_path: Path) -> None:
     assert max(even.values()) - min(even.values()) <= 3
     published = inspections(tmp_path / "log", 10_000).types
     assert published["radiation"] / published.total() == pytest.approx(0.95, abs=0.005)
+
+
+def test_logins_have_the_attacks_that_are_known(tmp_path: Path) -> None:
+    known = sshd(tmp_path / "log", 20_000, 400)
+    assert sshd(tmp_path / "again", 20_000, 400) == known
+    assert (tmp_path / "again").read_bytes() == (tmp_path / "log").read_bytes()
+    events = [json.loads(line) for line in (tmp_path / "log").read_text().splitlines()]
+    assert len(events) == 20_000
+    assert len({event["ip"] for event in events}) == 400
+    assert 0.38 < sum(event["event"] == "failed" for event in events) / 20_000 < 0.42
+    assert all(before["time"] <= after["time"] for before, after in pairwise(events))
+    tree, found = rvaft.loads(SSHD_TREE), Counter[str]()
+    for ip in {event["ip"] for event in events}:
+        monitor = rvaft.monitor(tree, repeat=True)
+        verdicts = [monitor.step(event) for event in events if event["ip"] == ip]
+        found[ip] = verdicts.count(rvaft.Verdict.TRUE)
+    assert +found == known
+    assert found.total() >= 4

@@ -1,5 +1,7 @@
 """Commands are entry points: packages add them, and one that is broken stops no other."""
 
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -93,3 +95,18 @@ def test_a_command_of_the_project_that_is_not_installed_says_what_to_do(monkeypa
     monkeypatch.setattr(cli, "registered", dict)
     failed(run("compare"), "the command compare is not installed: install rvaft again")
     assert "Model:" not in run("--help").stdout
+
+
+@pytest.mark.parametrize(("command", "most"), [(("--version",), 260), (("check",), 330), (("monitor",), 350)])
+def test_the_start_imports_what_it_uses(command: tuple[str, ...], most: int, tmp_path: Path) -> None:
+    """A count of modules; neither the look-up of entry points nor that of resources belongs to the start."""
+    (tree := tmp_path / "tree.rvaft").write_text("top sand a b;", encoding="utf-8")
+    (log := tmp_path / "log.jsonl").write_text('{"event": "a"}\n', encoding="utf-8")
+    files = {"check": (tree,), "monitor": (tree, log)}.get(command[0], ())
+    call: list[str | Path] = [sys.executable, "-X", "importtime", "-m", "rvaft", *command, *files]
+    done = subprocess.run(call, capture_output=True, text=True, check=True)
+    lines = [line for line in done.stderr.splitlines() if line.startswith("import time:")]
+    names = {line.rpartition("|")[2].strip() for line in lines}
+    assert len(names) < most
+    unused = {"importlib.metadata", "importlib.resources", "email.message", "zipfile", "xml.etree.ElementTree"}
+    assert command == ("--version",) or not names & unused

@@ -208,6 +208,11 @@ class Determinised:
         guarded = (
             part for part in reversed(letters.prop.parts) if isinstance(part, Condition) and part in self._guarded
         )
+        self._binding: dict[str, int] = defaultdict(int)
+        """The occurrences of each variable."""
+        for index in self._ready:
+            for name in letters.variables[index]:
+                self._binding[name] |= 1 << index
         self._condition_names = {condition: frozenset(variables(condition.guard)) for condition in guarded}
         self._start: Partials = {(0, ()): (1 << len(found)) - 1}
         start = MatchState(frozenset(self._start.items()))
@@ -346,9 +351,10 @@ class Determinised:
     def _remembered(self, done: int, registers: Mapping[str, str]) -> tuple[tuple[str, str], ...]:
         if not registers:
             return ()
-        later = {name for names in self._condition_names.values() if not names <= self._bound(done) for name in names}
-        later.update(name for i in self._ready if not done >> i & 1 for name in self._letters.variables[i])
-        return tuple(sorted((name, register) for name, register in registers.items() if name in later))
+        bound = self._bound(done)
+        open_ = {name for names in self._condition_names.values() if not names <= bound for name in names}
+        kept = (item for item in registers.items() if item[0] in open_ or self._binding[item[0]] & ~done)
+        return tuple(sorted(kept))
 
 
 # Merging of states with the same future, and removal of redundant alternatives.
@@ -398,12 +404,20 @@ def refined(states: list[list[RmlAlternative]]) -> list[StateClass]:
 def _without_idle(own: list[RmlAlternative], class_of: Mapping[int, int]) -> StateClass:
     """Return the alternatives by class, without those that the next fitting one makes redundant."""
     kept: list[RmlAlternative] = []
+    by_lowest: dict[int, list[int]] = defaultdict(list)
+    """The kept alternatives by the lowest bit of what they fit."""
     for alternative in reversed(own):
-        target = class_of.get(alternative.target, alternative.target)
-        following = next((other for other in kept if not other.fits & ~alternative.fits), None)
-        if following is None or following.target != target:
-            kept.insert(0, alternative._replace(target=target))
-    return tuple((alternative.letters, alternative.target) for alternative in kept)
+        target, fits = class_of.get(alternative.target, alternative.target), alternative.fits
+        inside = (
+            next((one for one in reversed(by_lowest[low]) if not kept[one].fits & ~fits), -1)
+            for low in (0, *(1 << bit for bit in bits(fits)))
+            if low in by_lowest
+        )
+        following = max(inside, default=-1)
+        if following < 0 or kept[following].target != target:
+            by_lowest[fits & -fits].append(len(kept))
+            kept.append(alternative._replace(target=target))
+    return tuple((alternative.letters, alternative.target) for alternative in reversed(kept))
 
 
 def equations(

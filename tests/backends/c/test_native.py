@@ -2,15 +2,18 @@
 
 import gzip
 import json
+from itertools import product
 from pathlib import Path
 from random import Random
 
 import pytest
+from click.testing import Result
 
 from backends.c.library import compiler
 from backends.c.log import NativeLog, _functions
 from cross_check.generate.traces import detecting
 from rvaft import Semantics, loads
+from rvaft.cli.native_run import NativeRun
 from tests.backends.c.programs import TIED, WINDOW
 from tests.cli.runs import TREES, run, started, written
 
@@ -244,15 +247,25 @@ def test_a_line_that_is_too_large_is_named(folder: Path, monkeypatch: pytest.Mon
         assert f"{log}:1: " in found.stderr
 
 
-def test_the_engine_checks_each_match(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("last", "error"), [(2, "the engine has no match at event 2"), (3, "event 3 is no detection of the engine")]
+)
+@pytest.mark.parametrize("given", ["file", "stream"])
+def test_the_engine_checks_each_match(
+    given: str, last: int, error: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A monitor in C that names other events is an error."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(NativeLog, "read", lambda _, __, ended: iter([] if ended else [[(1, 1, 0), (2, 2, 17)]]))
+    places = [(1, 1, 0), (last, last, 17 * (last - 1))]
+    monkeypatch.setattr(NativeLog, "read", lambda _, __, ended: iter([] if ended else [places]))
+    monkeypatch.setattr(NativeLog, "read_file", lambda _, __: iter([places]))
     (tree := tmp_path / "tree.rvaft").write_text(TIED, encoding="utf-8")
-    (log := tmp_path / "log.jsonl").write_text('{"k": 1, "u": 1}\n{"k": 2, "u": 2}\n', encoding="utf-8")
-    found = run("monitor", tree, log, "--semantics", "scattered", "--native")
+    data = '{"k": 1, "u": 1}\n{"k": 2, "u": 2}\n{"j": 2, "u": 2}\n'
+    (log := tmp_path / "log.jsonl").write_text(data, encoding="utf-8")
+    where = (log,) if given == "file" else ("-",)
+    found = run("monitor", tree, *where, "--semantics", "scattered", "--native", data=data)
     assert found.exit_code == 2
-    assert "the native monitor failed: the engine has no match at event 2" in found.stderr
+    assert f"the native monitor failed: {error}" in found.stderr
 
 
 def test_memory_is_released_after_each_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -273,3 +286,116 @@ def test_memory_is_released_after_each_log(tmp_path: Path, monkeypatch: pytest.M
         run("monitor", tree, log, "--semantics", "scattered", "--key", "user", "--native")
         sizes.append(mapped())
     assert sizes[-1] - sizes[0] < 100_000  # kilobytes
+
+
+COUNTED = """time ts as s late 5 s; event e(k, u) = { k: k, user: u }; event f(k, n, u) = { kind: k, n: n, user: u };
+ignore e("d", _);
+top or p q r; p sand a b within 9 s fault; q and b c; r sand d1 d2;
+a on e("a", U); b on e("b", U); c on f("c", N, U) when N > 3; d1 on e("d", _); d2 on e("e", "u1") times 2;"""
+ODD = {
+    "a late event": '{"k": "a", "user": "u1", "key": "x", "ts": 1}',
+    "an undefined guard": '{"kind": "c", "user": "u1", "n": "7", "key": "x", "ts": 9000}',
+    "no time": '{"k": "a", "user": "u1", "key": "x"}',
+    "a number that is not finite": '{"k": "a", "user": "u1", "key": "x", "ts": 9000, "other": NaN}',
+    "a key that is not finite": '{"k": "a", "user": "u1", "key": NaN, "ts": 9000}',
+    "a malformed line": '{"k": "a", "user": "u1", "key": "x", "ts": 9000',
+    "a repeated field": '{"k": "a", "k": "b", "user": "u1", "key": "x", "ts": 9000}',
+    "many digits": '{"k": "a", "user": "u1", "key": 123456789012345678901234567890, "ts": 9000.1234567891}',
+}
+
+
+def counted_log(random: Random, count: int) -> list[str]:
+    """Events in order of time: of the tree, misspelt, of other kinds, with few fields, of several keys."""
+    lines, time = list[str](), 0.0
+    for _ in range(count):
+        time += random.choice((0, 0.25, 1, 2))
+        event: dict[str, object] = random.choice(
+            [
+                {"k": random.choice("aaabbbdex"), "user": random.choice(["u1", "u2", 1, 1.0])},
+                {"kind": random.choice(["c", "C", "other"]), "n": random.choice((2, 3.5, 4)), "user": "u1"},
+                {"k": random.choice(["a ", "/b", "B", "é" * 300, f"n{random.randrange(9)}"]), "user": "u1"},
+                {"k": random.choice("ab")},
+                {"unknown": 1, "k": None},
+            ]
+        )
+        event = {**event, "ts": time, **random.choice([{"key": "x"}, {"key": "y"}, {"key": 1}, {"key": 1.0}, {}])}
+        lines.append(json.dumps(event, ensure_ascii=random.random() < 0.5) + random.choice(["", "", "\n \r"]))
+    return lines
+
+
+def told(result: Result) -> tuple[list[str], str, int]:
+    """The output without the matches, of which several may end at one event."""
+    lines = (line for line in result.stdout.splitlines() if not line.startswith("  "))
+    return [line.partition(', "branch"')[0] for line in lines], result.stderr, result.exit_code
+
+
+@pytest.mark.parametrize(
+    ("keys", "options"),
+    [
+        *product(
+            [(), ("--key", "key"), ("--key", "key", "--key", "user")],
+            [(), ("--repeat",), ("--repeat", "--cooldown", "3 s")],
+        ),
+        (("--key", "key"), ("--repeat", "--format", "jsonl", "--detections")),
+    ],
+)
+def test_a_program_that_reads_a_log_alone_counts_as_the_engine_does(
+    keys: tuple[str, ...], options: tuple[str, ...], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "counted.rvaft").write_text(COUNTED, encoding="utf-8")
+    random, logs, detections = Random(str((options, keys))), [folder / "p.jsonl", folder / "q.jsonl"], 0
+    for size in (0, 1, 30, 400):
+        for log in logs:
+            log.write_bytes(b"\xef\xbb\xbf" + "\n".join(counted_log(random, size)).encode())
+        for given in (logs[:1], logs):
+            call = ("monitor", tree, *given, "--semantics", "scattered", *keys, *options)
+            wanted = run(*call)
+            with monkeypatch.context() as alone:
+                alone.setattr(NativeRun, "trace", None)  # the events are not read by the engine, too
+                found = run(*call, "--native")
+            assert told(found) == told(wanted)
+            detections += wanted.exit_code
+    assert detections >= 2
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("keys", [(), ("--key", "key")])
+def test_what_a_program_may_read_otherwise_is_read_by_the_engine(
+    keys: tuple[str, ...], odd: str, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "counted.rvaft").write_text(COUNTED, encoding="utf-8")
+    lines = counted_log(Random(odd), 300)
+    lines.insert(250, ODD[odd])
+    (log := folder / "odd.jsonl").write_text("\n".join(lines), encoding="utf-8")
+    call = ("monitor", tree, log, "--semantics", "scattered", "--repeat", *keys)
+    wanted, found = run(*call), run(*call, "--native")
+    assert told(found) == told(wanted)
+
+
+@pytest.mark.parametrize("times", [(), (3, 2), (3, "4"), (1, 2.5), (True, 2), (None, 1)])
+def test_times_that_no_tree_declares(times: tuple[object, ...], folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "plain.rvaft").write_text(
+        'event e(k, u) = {event: k, u: u}; top sand a b; a on e("a", U); b on e("b", U);', encoding="utf-8"
+    )
+    events = [{"event": "a", "u": 1, **({"time": one} if times else {})} for one in times or (0, 0)]
+    (log := folder / "plain.jsonl").write_text("\n".join(map(json.dumps, events)), encoding="utf-8")
+    call = ("monitor", tree, log, "--semantics", "scattered")
+    wanted, found = run(*call), run(*call, "--native")
+    assert told(found) == told(wanted)
+
+
+def test_lines_longer_than_the_buffer(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "plain.rvaft").write_text(
+        'event e(k, u) = {event: k, u: u}; top sand a b; a on e("a", U); b on e("b", U);', encoding="utf-8"
+    )
+    long = "x" * (3 << 18)
+    events = [{"event": "a", "u": long}, {"event": "c"}, {"event": "b", "u": long[1:]}, {"event": "b", "u": long}]
+    (log := folder / "long.jsonl").write_text("\n".join(map(json.dumps, events)), encoding="utf-8")
+    call = ("monitor", tree, log, "--semantics", "scattered")
+    wanted, found = run(*call), run(*call, "--native")
+    assert told(found) == told(wanted)
+    assert found.exit_code == 1

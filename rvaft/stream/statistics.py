@@ -16,6 +16,7 @@ from rvaft.core.classifier import (
     Letter,
     PatternIndex,
     TreeReads,
+    brief,
     guard_table,
     joined_tables,
     literals_of,
@@ -189,7 +190,8 @@ class EventTypeIndex:
 
     def _note(self, name: str, value: Hashable) -> None:
         known = self.others.setdefault(name, {})
-        if isinstance(value, str) and len(known) < OTHERS and value not in self._meant.get(name, {}).values():
+        meant = self._meant.get(name, {}).values()
+        if isinstance(value, str) and brief([value]) and len(known) < OTHERS and value not in meant:
             known[cut(value)] = None
 
     def may_be(self, field: str, text: str) -> bool:

@@ -308,9 +308,7 @@ def _seems_tree(name: str) -> bool:
 def _in_folder(name: str) -> list[str]:
     """Return the trees in a folder, by name."""
     found = sorted(file for file in Path(name).iterdir() if file.suffix == TREES[0] and file.is_file())
-    options.refuse(
-        not found, f"{click.format_filename(name)}: no tree in this folder: name a file, or a folder with *.rvaft"
-    )
+    options.refuse(not found, f"{click.format_filename(name)}: Is a directory without a tree (*{TREES[0]})")
     return list(map(str, found))
 
 

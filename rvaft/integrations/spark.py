@@ -302,6 +302,8 @@ class _KeyRun:
                     self._listener.rows.clear()
         except RvaftError as error:
             self._failure = f"not monitored from event {self._run.number} on: {error}"
+        yield from self._listener.rows
+        self._listener.rows.clear()
         if refusals:
             yield _warning(self.key, f"{counted(self._rejected - rejected)} rejected (first: {refusals[0]})")
         for line in self._lines:

@@ -7,6 +7,7 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from functools import cache
 from io import DEFAULT_BUFFER_SIZE, BufferedIOBase
 from operator import attrgetter, methodcaller
 from pathlib import Path
@@ -266,8 +267,8 @@ class JsonBlockReader:
             return found
 
         known = [None if value is msgspec.UNSET else value for value in values]
-        every = lambda: [(place, event(place)) for place in range(len(lines))]  # noqa: E731
-        return Times(cast("Sequence[Json]", known), exact, every)
+        every = cache(lambda: [(place, event(place)) for place in range(len(lines))])
+        return Times(cast("Sequence[Json]", known), exact, every, {})
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """Return the decoded events of a block, or None if there may be hidden errors.

@@ -6,13 +6,16 @@ it is late for the events before the batch, and the parsed times are those of ev
 
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from itertools import islice
-from operator import le, lt
+from operator import le, lt, sub
 from typing import Final, cast
 
-from rvaft.model.event_time import JUMPS, NUMERIC, EventTime, TimeFormat
+from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, TimeFormat
 from rvaft.model.values import Json
 
+_ERROR: Final = 2.0**-48
+"""More than the relative error of a difference of doubles that are rounded."""
 _LAYOUT: Final = str.maketrans("123456789", "000000000")
 
 
@@ -78,22 +81,37 @@ class RisingTimes:
                 return found if self._before is None else max(found, self._before)
         return self._before
 
+    @cached_property
     def jumps(self) -> list[tuple[int, int | None, int]]:
-        """Return the last jumps of the maximum: their places, and the maximum before and after each."""
+        """The last jumps of the maximum: their places, and the maximum before and after each."""
         first = self._next(0, len(self._values))
         if first is None:
             return []
-        found = list(islice(self._gaps(*first, len(self._values) - 1), JUMPS))
+        gaps = self._gaps if type(self._values[0]) is str else self._steps
+        found = list(islice(gaps(*first, len(self._values) - 1), JUMPS))
         start, before = first[1], self._before
         if len(found) < JUMPS and (before is None or start - before > (self._time.late or 0)):
             found.append((self._places[first[0]], before, start))
         return found[::-1]
 
+    def _steps(self, low: int, start: int, high: int) -> Iterator[tuple[int, int | None, int]]:
+        """Yield the jumps of numbers after the number `low`, from the last; only large steps are parsed."""
+        values = cast("Sequence[float]", self._values)
+        size = 100 if self._time.format is TimeFormat.FILETIME else UNITS[str(self._time.format)]
+        large = (self._time.late or 0) - max(abs(values[low]), abs(values[high])) * size * _ERROR - 1
+        if max(map(sub, islice(values, 1, None), values), default=0) * size <= large:
+            return
+        for number in range(high, low, -1):
+            if (values[number] - values[number - 1]) * size > large:
+                earlier = self._read(number - 1)
+                yield from self._gaps(number - 1, start if earlier is None else earlier, number)
+
     def _gaps(self, low: int, start: int, high: int) -> Iterator[tuple[int, int | None, int]]:
         """Yield the jumps after the number `low`, whose time is `start`, from the last."""
         while high > low and self._read(high) is None:
             high -= 1
-        agenda = [(low, start, high, self._read(high) or start)] if high > low else []
+        last = self._read(high)
+        agenda = [(low, start, high, last)] if high > low and last is not None else []
         while agenda:
             low, start, high, end = agenda.pop()
             before = start if self._before is None else max(start, self._before)

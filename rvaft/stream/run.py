@@ -7,7 +7,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from operator import itemgetter
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, cast
 
 from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge
@@ -311,7 +311,10 @@ class TraceRun:
             return None
         latest = monitors.engines[0].latest
         if block.times is not None:
-            return RisingTimes.of(time, block.times.values, latest, block.times.exact)
+            known = cast("dict[object, RisingTimes | None]", block.times.known)
+            if (time, latest) not in known:
+                known[time, latest] = RisingTimes.of(time, block.times.values, latest, block.times.exact)
+            return known[time, latest]
         if len(events) < max(FEW, block.total) or not events or {dict} != set(map(type, map(itemgetter(1), events))):
             return None
         field = time.field[0]
@@ -328,7 +331,7 @@ class TraceRun:
         """Note the last jumps of the maximum time in the batches that have passed."""
         found = list[Jump]()
         for times, before, lines in reversed(self._risen):
-            jumps = [(place, before + place + 1, old, new) for place, old, new in times.jumps()]
+            jumps = [(place, before + place + 1, old, new) for place, old, new in times.jumps]
             line = {place: lines[place] for place, *_ in jumps} if lines else {}
             known = [(number, old, new, line.get(place)) for place, number, old, new in jumps]
             found = [*(Jump(*one[:3], None if one[3] == one[0] else one[3]) for one in known), *found]

@@ -178,10 +178,10 @@ class EventTypeIndex:
             field: self._meant[field].get(spelling(value), value) if isinstance(value, str) else None
             for field, value in zip(self.discriminators.fields, values, strict=True)
         }
-        if self.discriminators.candidates(self.discriminators.values(meant)):
-            return True
-        self.note(values)
-        return False
+        possible = bool(self.discriminators.candidates(self.discriminators.values(meant)))
+        if not possible or meant != dict(zip(self.discriminators.fields, values, strict=True)):
+            self.note(values)
+        return possible
 
     def note(self, values: Iterable[Hashable]) -> None:
         """Note the discriminating values of an irrelevant event."""

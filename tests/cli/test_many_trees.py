@@ -191,7 +191,7 @@ WRONG: Final = (
     ("trees/apart.rvaft trees/same.rvaft log.jsonl -- log.jsonl", ("before -- stand trees only", "log.jsonl is none")),
     ("trees/apart.rvaft trees/same.rvaft -- log.jsonl --repeat", ("--repeat stands after --", "before it")),
     ("parts log.jsonl", ("only declare what trees import",)),
-    ("empty log.jsonl", ("empty: no tree in this folder",)),
+    ("empty log.jsonl", ("empty: Is a directory without a tree",)),
     ("trees nowhere.jsonl", ("nowhere.jsonl: No such file",)),
     ("trees/apart.rvaft nowhere.rvaft -- log.jsonl", ("nowhere.rvaft: cannot read the file",)),
     ("trees log.jsonl --native", ("--native is for one tree",)),

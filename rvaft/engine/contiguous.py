@@ -11,9 +11,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, Self
 
+from rvaft.engine.all_matches import Following
 from rvaft.engine.compiled_tree import NOTHING, Admission, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness
-from rvaft.engine.following import Following
 from rvaft.engine.partial_matches import Matching
 from rvaft.engine.stages import Stage, StageMove, Stages, agree
 from rvaft.model.values import Json, exact

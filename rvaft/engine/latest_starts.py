@@ -35,7 +35,7 @@ from rvaft.engine.explanation import (
 )
 from rvaft.engine.strategy import Strategy
 from rvaft.engine.unit_run import HEAD, Match, OrderedRun, State, Take, UnitRun, copied, plain_key
-from rvaft.engine.units import Leaf, Unit
+from rvaft.engine.units import Unit, UnitLeaf
 from rvaft.engine.unordered_run import UnorderedRun
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import rigid_variables
@@ -61,7 +61,7 @@ class Served(NamedTuple):
     """
 
     unit: int
-    leaf: Leaf
+    leaf: UnitLeaf
     timed: bool
     begins: bool
     """Whether an event can begin an instance."""
@@ -213,7 +213,7 @@ class LatestStarts(Strategy):
         self._added, self._most_added = 0, self.limit - kept + self.limit // 4
 
     def _named(
-        self, run: UnitRun, leaf: Leaf, admission: Admission, event: Mapping[str, Json]
+        self, run: UnitRun, leaf: UnitLeaf, admission: Admission, event: Mapping[str, Json]
     ) -> Iterator[tuple[Name, Mapping[str, Json]]]:
         """Iterate over the instances that an event may serve, with values."""
         seen, single = set[Hashable](), len(run.unit.key) == 1
@@ -287,12 +287,12 @@ class LatestStarts(Strategy):
 
     def explain(self) -> Explanation:
         """Return a match of the lowest-numbered branch."""
-        found, explained = explained_match(_Search(self))
+        found, explained = explained_match(_InstanceSearch(self))
         return explanation_of(self.prop.tree, found.steps, explained)
 
     def pending(self, limit: int, *, before: int | None = None) -> tuple[Pending, ...]:  # noqa: ARG002 (never ⊥)
         """Return the awaited events of each live branch."""
-        return pending(_Search(self), limit=limit)
+        return pending(_InstanceSearch(self), limit=limit)
 
     @property
     def living(self) -> Iterator[tuple[int, Name, State]]:
@@ -316,7 +316,7 @@ class LatestStarts(Strategy):
         return self._watermark
 
 
-class _Search(MatchSearch):
+class _InstanceSearch(MatchSearch):
     """Runs an instance again over its remembered events, under choices."""
 
     def __init__(self, strategy: LatestStarts) -> None:

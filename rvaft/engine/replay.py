@@ -16,7 +16,7 @@ from rvaft.support.bits import mask_of
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
 
-class Replay(CompiledSearch):
+class ReplaySearch(CompiledSearch):
     """A search among matches, and among the partial matches with some steps.
 
     If the strategy `drops` subsumed partial matches, those of a branch may be among the dropped.

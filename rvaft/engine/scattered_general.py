@@ -10,6 +10,7 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.times import Extreme
+from rvaft.engine.all_matches import Following
 from rvaft.engine.compiled_tree import (
     NOTHING,
     NOW,
@@ -22,7 +23,6 @@ from rvaft.engine.compiled_tree import (
     TreeLetters,
 )
 from rvaft.engine.configuration import Configuration, Witness, flattened, history, unflattened
-from rvaft.engine.following import Following
 from rvaft.engine.independent_parts import Component, IndependentPart, components
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import UNRANKED, LaneMember, Member, StageGroup, in_order

@@ -2,9 +2,9 @@
 
 from rvaft.core.passes import decide_constants, followed
 from rvaft.core.property import IMPOSSIBLE, Property
+from rvaft.engine.all_matches import Contiguous
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.engine.contiguous import SMALL, ContiguousMatches
-from rvaft.engine.following import Contiguous
 from rvaft.engine.latest_starts import LatestStarts
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import LinearMonitor, linear_starts

@@ -16,7 +16,7 @@ from typing import Any, Final, TypeAlias, assert_never
 
 from rvaft.core.property import Source
 from rvaft.engine.explanation import Step
-from rvaft.engine.units import Leaf, Op, Unit
+from rvaft.engine.units import Op, Unit, UnitLeaf
 from rvaft.model.values import Json, key
 
 HEAD: Final = 4
@@ -110,7 +110,7 @@ class UnitRun(ABC):
             if limit is None or watermark is None or self.alive(before, watermark - limit):
                 yield leaf.source
 
-    def _has_begun_beside(self, state: State, leaf: Leaf) -> bool:
+    def _has_begun_beside(self, state: State, leaf: UnitLeaf) -> bool:
         """Whether there are events of nodes without an order to a leaf, or of the counted leaf."""
         places, node = self.unit.places, leaf.node
         agenda = list[int]()
@@ -145,7 +145,7 @@ class UnitRun(ABC):
                 found.append((node, Step(Source(leaf.source, number), position, names if values is None else values)))
         return sorted(found, key=lambda one: one[1].position)
 
-    def place_of(self, state: State, leaf: Leaf, values: Any) -> tuple[Any, Hashable]:
+    def place_of(self, state: State, leaf: UnitLeaf, values: Any) -> tuple[Any, Hashable]:
         """Return where the events of a counted leaf are: a container and their name in it."""
         place = self.places[leaf.node]
         if not leaf.own:
@@ -154,7 +154,7 @@ class UnitRun(ABC):
             state[place] = {}
         return state[place], tuple([plain_key(values[name]) for name in leaf.own])
 
-    def events_of(self, state: State, leaf: Leaf) -> Mapping[Hashable, list[CountedEvent]]:
+    def events_of(self, state: State, leaf: UnitLeaf) -> Mapping[Hashable, list[CountedEvent]]:
         """Return the events of a counted leaf by the variables in which they agree."""
         found = state[self.places[leaf.node]]
         return (found or {}) if leaf.own else {(): found or []}
@@ -217,7 +217,7 @@ class OrderedRun(UnitRun):
             case _:
                 assert_never(op)
 
-    def _taking(self, leaf: Leaf, done: Complete) -> Take:
+    def _taking(self, leaf: UnitLeaf, done: Complete) -> Take:
         node, slot = leaf.node, HEAD + leaf.after if leaf.after >= 0 else 0
         settled, remembers, counts = self.unit.settled[node], self.remembers, leaf.number > 1
 
@@ -239,7 +239,7 @@ class OrderedRun(UnitRun):
 
         return take
 
-    def _remember(self, state: State, leaf: Leaf, event: Remembered) -> None:
+    def _remember(self, state: State, leaf: UnitLeaf, event: Remembered) -> None:
         """Remember an event with which some branch may have a match.
 
         Without windows an event serves as the one before it, unless another came that must precede
@@ -270,7 +270,7 @@ class OrderedRun(UnitRun):
                     break
         events.append(event)
 
-    def _counted(self, state: State, leaf: Leaf, event: CountedEvent) -> Match | None:
+    def _counted(self, state: State, leaf: UnitLeaf, event: CountedEvent) -> Match | None:
         """Add an event to those of a counted leaf; return the match of the last ones."""
         count, (container, name) = leaf.number, self.place_of(state, leaf, event[3])
         events = container.get(name) if leaf.own else container[name]

@@ -71,7 +71,7 @@ class _Draft:
             agenda.extend(reversed(node.parts))
 
 
-class Leaf(NamedTuple):
+class UnitLeaf(NamedTuple):
     """An occurrence, or `number` of them at one node, and when an event may serve it."""
 
     node: int
@@ -87,7 +87,7 @@ class Leaf(NamedTuple):
     """Whether a window depends on the time of the event."""
 
 
-class Place(NamedTuple):
+class GatePlace(NamedTuple):
     """The place of a node in its gate.
 
     `before` is the elder sibling (-1 for the first), `siblings` are all children of the gate.
@@ -110,11 +110,11 @@ class Unit:
     """
 
     key: tuple[str, ...]
-    leaves: tuple[Leaf, ...]
+    leaves: tuple[UnitLeaf, ...]
     names: tuple[str, ...]
     ops: tuple[Op, ...]
     children: tuple[tuple[int, ...], ...]
-    places: tuple[Place, ...]
+    places: tuple[GatePlace, ...]
     windows: tuple[int | None, ...]
     limits: tuple[int | None, ...]
     """The shortest window at each node or above it."""
@@ -298,7 +298,7 @@ def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
         above = limits[gate]
         limits[node] = above if draft.window is None else draft.window if above is None else min(above, draft.window)
     leaves = tuple(
-        Leaf(
+        UnitLeaf(
             node,
             draft.event.source.node,
             draft.event.pattern,
@@ -313,7 +313,7 @@ def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
     )
     _refuse_overlaps(leaves, parent, nodes)
     places = tuple(
-        _place(nodes[gate], gate, children[gate], slot) if gate >= 0 else Place(-1, Op.ONE, -1, True, (), 0)
+        _place(nodes[gate], gate, children[gate], slot) if gate >= 0 else GatePlace(-1, Op.ONE, -1, True, (), 0)
         for gate, slot in zip(parent, slots, strict=True)
     )
     choices = {
@@ -343,9 +343,9 @@ def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
     )
 
 
-def _place(draft: _Draft, gate: int, children: tuple[int, ...], slot: int) -> Place:
+def _place(draft: _Draft, gate: int, children: tuple[int, ...], slot: int) -> GatePlace:
     need = draft.need if draft.op is Op.AT_LEAST else len(children)
-    return Place(gate, draft.op, children[slot - 1] if slot else -1, slot == len(children) - 1, children, need)
+    return GatePlace(gate, draft.op, children[slot - 1] if slot else -1, slot == len(children) - 1, children, need)
 
 
 def _leaves_below(nodes: Sequence[_Draft], children: Sequence[tuple[int, ...]]) -> list[frozenset[int]]:
@@ -421,7 +421,7 @@ def _all(guards: Sequence[Guard]) -> Guard | None:
     return guards[0] if len(guards) == 1 else Operation(Operator.AND, tuple(guards))
 
 
-def _refuse_overlaps(leaves: Sequence[Leaf], parent: Sequence[int], nodes: Sequence[_Draft]) -> None:
+def _refuse_overlaps(leaves: Sequence[UnitLeaf], parent: Sequence[int], nodes: Sequence[_Draft]) -> None:
     """Raise `_NotApart` if an event may serve two occurrences that have no order."""
     serving: dict[Pattern, list[int]] = {}
     for leaf in leaves:

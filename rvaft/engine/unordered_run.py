@@ -15,7 +15,7 @@ from itertools import pairwise
 from typing import Any, Final, TypeAlias
 
 from rvaft.engine.unit_run import HEAD, CountedEvent, Match, Remembered, State, Take, UnitRun
-from rvaft.engine.units import Leaf, Op, Unit
+from rvaft.engine.units import Op, Unit, UnitLeaf
 
 Front: TypeAlias = list[Match]
 _NONE: Final[Sequence[Match]] = ()
@@ -40,10 +40,10 @@ class UnorderedRun(UnitRun):
         """Whether the last position of a match matters to the next child."""
         self.takes = {leaf.node: self._taking(leaf) for leaf in unit.leaves}
 
-    def _taking(self, leaf: Leaf) -> Take:
+    def _taking(self, leaf: UnitLeaf) -> Take:
         return lambda state, position, time, values: self._take(state, leaf, position, time, values)
 
-    def _take(self, state: State, leaf: Leaf, position: int, time: Any, values: Any) -> Match | None:
+    def _take(self, state: State, leaf: UnitLeaf, position: int, time: Any, values: Any) -> Match | None:
         """Take an event if it may be in a match, and return a match of the unit that it completes."""
         node, after = leaf.node, leaf.after
         if after >= 0 and not state[HEAD + after]:
@@ -78,7 +78,7 @@ class UnorderedRun(UnitRun):
         time = events[-1][1]
         return [one for one in events if time - window <= one[1] <= time + window]
 
-    def _count(self, state: State, leaf: Leaf, event: CountedEvent) -> list[Match]:
+    def _count(self, state: State, leaf: UnitLeaf, event: CountedEvent) -> list[Match]:
         """Add an event to those of a counted leaf, by time; return the matches with it.
 
         The third value of an event is the number of events to the last one that came in turn.
@@ -125,7 +125,7 @@ class UnorderedRun(UnitRun):
             place = next((at for at, one in enumerate(left) if one[0] == event[0]), -1)
         return _best(found, first=True)
 
-    def _windows(self, leaf: Leaf, events: list[CountedEvent], place: int, position: int) -> list[Match]:
+    def _windows(self, leaf: UnitLeaf, events: list[CountedEvent], place: int, position: int) -> list[Match]:
         count, limit = leaf.number, self.unit.limits[leaf.node]
         assert limit is not None, "the leaf is in a window"
         found = []

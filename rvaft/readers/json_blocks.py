@@ -21,7 +21,7 @@ from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
 from rvaft.model.values import Json, JsonObject, Scalar, finite_decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
-from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Batch, Times, failures_of, unreadable
+from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Batch, BatchTimes, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
 
 SIZE: Final = 3 << 15
@@ -192,7 +192,7 @@ class JsonBlockReader:
             different = dict.fromkeys(found)  # in order, since the first values are listed
             known = {values: self._meaning(values) for values in different if values is not _DOUBT}
             dead = {values for values, (live, _) in known.items() if not live}
-            times: Times | None = None
+            times: BatchTimes | None = None
             if self._timed and sound is None and kept_values is None:
                 dead = set()  # a line in doubt may have a time
             places = [place for place, values in enumerate(found) if values not in dead] if dead else range(len(found))
@@ -254,7 +254,7 @@ class JsonBlockReader:
         passed = [place for place, one in enumerate(found) if one in dead]
         return passed, [get(heads[place]) if values is None else values[place] for place in passed]
 
-    def _times(self, values: Sequence[_Values], lines: Sequence[bytes], file: str, first: int) -> Times:
+    def _times(self, values: Sequence[_Values], lines: Sequence[bytes], file: str, first: int) -> BatchTimes:
         """Return the times of a block of lines without doubts."""
 
         def exact(place: int) -> Json:
@@ -268,7 +268,7 @@ class JsonBlockReader:
 
         known = [None if value is msgspec.UNSET else value for value in values]
         every = cache(lambda: [(place, event(place)) for place in range(len(lines))])
-        return Times(cast("Sequence[Json]", known), exact, every, {})
+        return BatchTimes(cast("Sequence[Json]", known), exact, every, {})
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """Return the decoded events of a block, or None if there may be hidden errors.

@@ -269,7 +269,7 @@ class Log:
         return self.rejected > 0 and not (self.reader.lenient and events)
 
 
-class Times(NamedTuple):
+class BatchTimes(NamedTuple):
     """The values of a time field in each event of a batch that lacks irrelevant ones; None if missing.
 
     They may have lost digits; `exact` returns that of an event by its place, and `events` all events with
@@ -295,7 +295,7 @@ class Batch(NamedTuple):
     passed: Sequence[int] = ()
     kept: Sequence[Json] = ()
     lines: Sequence[int | None] = ()
-    times: Times | None = None
+    times: BatchTimes | None = None
 
 
 class LogReader(ABC):

@@ -10,7 +10,7 @@ from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Readin
 from rvaft.engine.configuration import Configuration, Witness, flattened, history, unflattened
 from rvaft.engine.explanation import explained_match, explanation_of, pending
 from rvaft.engine.partial_matches import Matching
-from rvaft.engine.replay import Replay, steps_of
+from rvaft.engine.replay import ReplaySearch, steps_of
 from rvaft.engine.strategy import Measured, Progress
 from rvaft.errors import TooLarge
 from rvaft.model.values import Json
@@ -103,8 +103,8 @@ class Following(Measured):
             histories = [[step for step in steps if step.position < before] for steps in histories]
         return pending(self._replay(histories), limit=limit)
 
-    def _replay(self, histories: Sequence[list[Witness]]) -> Replay:
-        return Replay(self.matching, self.matches, histories, limit=self.limit, drops=not self.uses_up)
+    def _replay(self, histories: Sequence[list[Witness]]) -> ReplaySearch:
+        return ReplaySearch(self.matching, self.matches, histories, limit=self.limit, drops=not self.uses_up)
 
     def progress(self) -> Iterator[Progress]:
         """Iterate over the progress of the partial matches, without those with equal futures."""

@@ -30,7 +30,7 @@ from rvaft.engine.stages import Scan, Stage, StageMove, Stages, agree
 from rvaft.engine.subsumption import Rank, Term
 from rvaft.errors import TooLarge
 from rvaft.model.guards import UNDEFINED
-from rvaft.model.values import Json, exact
+from rvaft.model.values import Json, exact, fingerprint
 from rvaft.model.verdict import Verdict
 from rvaft.support.bits import bits, union
 
@@ -213,7 +213,8 @@ class ScatteredMatches(Following):
     @property
     def state(self) -> Hashable:
         """Equal states have equal futures."""
-        return (super().state, self._begun) if self._components else super().state
+        found = frozenset((self._stages.place(stage), fingerprint(one.binding)) for stage, one in self._members)
+        return (found, self._begun, self._base.key) if self._components else found
 
     def snapshot(self) -> object:
         """Return the state for `restore`."""

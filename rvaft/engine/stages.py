@@ -224,6 +224,10 @@ class Stages:
             found = self._known[place] = self._made(sample, settled=settled)
         return found
 
+    def place(self, stage: Stage) -> Hashable:
+        """Return a value that is equal for stages with equal futures, whatever made them."""
+        return self._place(stage.sample)[0]
+
     def _place(self, configuration: Configuration) -> tuple[Hashable, bool]:
         if self.choices is not None:
             return self.choices.place(configuration, self.matching.progress)

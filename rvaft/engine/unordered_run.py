@@ -294,22 +294,28 @@ class UnorderedRun(UnitRun):
         return any(match[1] >= least for match in found)
 
     def future(self, state: State) -> Hashable:
-        """Return the times of matches and counted events, with positions where these matter."""
-        found: list[Hashable] = []
+        """Return the times of matches and counted events, and the order of positions where it matters."""
+        found: list[list[Sequence[Any]]] = []
         for node, (gate, *_) in enumerate(self.unit.places):
-            front = state[HEAD + node]
             first, last = gate >= 0 and self._inside[gate], self._followed[node]
-            found.append(front and tuple([(one[1], one[3], first and one[0], last and one[4]) for one in front]))
+            found.append(
+                [(one[1], one[3], one[0] if first else -1, one[4] if last else -1) for one in state[HEAD + node] or ()]
+            )
+        counted = []
         for leaf in self.unit.leaves:
             if leaf.number > 1:
                 inside, least = self._inside[leaf.node], 1 - leaf.number if self.unit.limits[leaf.node] is None else 0
-                found.append(
-                    frozenset(
-                        (name, tuple([(one[1], inside and one[0]) for one in events[least:]]))
-                        for name, events in self.events_of(state, leaf).items()
-                    )
-                )
-        return tuple(found)
+                for name, events in self.events_of(state, leaf).items():
+                    counted.append((leaf.node, name))
+                    found.append([(one[1], one[0] if inside else -1) for one in events[least:]])
+        positions = {position for some in found for one in some for position in one[len(one) // 2 :]}
+        rank = {position: number for number, position in enumerate(sorted(positions))}
+        times = tuple(
+            tuple([(*one[: len(one) // 2], *map(rank.__getitem__, one[len(one) // 2 :])) for one in some])
+            for some in found
+        )
+        size = len(self.unit.places)
+        return times[:size], frozenset(zip(counted, times[size:], strict=True)), -1 in positions
 
     def kept(self, state: State) -> int:
         """Return the number of matches and counted events of a state."""

@@ -57,8 +57,7 @@ def test_no_tree(command: str, content: bytes | None, parts: list[str], tmp_path
 @pytest.mark.parametrize("command", READERS)
 def test_a_path_that_is_no_tree(command: str, tmp_path: Path) -> None:
     more = READERS[command].split()
-    why = "no tree in this folder" if command == "monitor" else "Is a directory"
-    failed(run(command, tmp_path, *more), str(tmp_path), why)
+    failed(run(command, tmp_path, *more), str(tmp_path), "Is a directory")
     failed(run(command, "no\nsuch\x1b[31m\tfile", *more), r"no\nsuch\x1b[31m\tfile")
     tree = written(tmp_path / "tree.rvaft", "a;")
     tree.chmod(0)

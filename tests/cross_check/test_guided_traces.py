@@ -121,7 +121,7 @@ def test_every_feasible_scenario_is_drawn(shape: str) -> None:
 @pytest.mark.parametrize("shape", ["plain", "everything", "shared order", "heavily shared", "silent"])
 def test_every_order_that_keeps_the_precedence_comes_out_and_no_other(shape: str) -> None:
     compared = 0
-    for random, tree in small_trees(shape, 10):
+    for random, tree in small_trees(shape, 30):
         for scenario in feasible_scenarios(tree)[:3]:
             if len(scenario.occurrences) <= 4:
                 orders, drawn = [*permutations(sorted(scenario.occurrences))], Scenarios(tree)

@@ -34,7 +34,20 @@ from rvaft.engine.explanation import (
     pending,
 )
 from rvaft.engine.strategy import Strategy
-from rvaft.engine.unit_run import HEAD, Match, OrderedRun, State, Take, UnitRun, copied, plain_key
+from rvaft.engine.unit_run import (
+    EVENTS,
+    HEAD,
+    KEY,
+    TIME,
+    WATERMARK,
+    Match,
+    OrderedRun,
+    State,
+    Take,
+    UnitRun,
+    copied,
+    plain_key,
+)
 from rvaft.engine.units import Unit, UnitLeaf
 from rvaft.engine.unordered_run import UnorderedRun
 from rvaft.errors import TooLarge
@@ -176,7 +189,7 @@ class LatestStarts(Strategy):
                         continue
                     state = self._begun(unit, name, values)
                 self.noted = True
-                state[3] = self._watermark
+                state[WATERMARK] = self._watermark
                 match = take(state, position, time, values)
                 self._added += 1
                 if match is not None:
@@ -195,7 +208,7 @@ class LatestStarts(Strategy):
         state = run.start()
         key = run.unit.key
         if values is not None and key and not all(type(values[one]) is str or type(values[one]) is int for one in key):
-            state[2] = {one: values[one] for one in key}
+            state[KEY] = {one: values[one] for one in key}
         if name is not None:
             if len(instances) >= self._sweep_at[unit]:
                 self._sweep(unit)
@@ -231,9 +244,9 @@ class LatestStarts(Strategy):
     def _sweep(self, number: int) -> None:
         """Forget the instances of a unit whose window has passed; raises `TooLarge`."""
         unit, instances = self.runs[number].unit, self._instances[number]
-        if unit.window is not None and self._watermark is not None:
-            least = self._watermark - unit.window
-            for name in [name for name, state in instances.items() if state[0] < least]:
+        least = self._horizon(unit)
+        if least is not None:
+            for name in [name for name, state in instances.items() if state[TIME] < least]:
                 del instances[name]
         most = INSTANCES * self.limit
         if len(instances) >= most:
@@ -253,16 +266,19 @@ class LatestStarts(Strategy):
             if instances and run.unit.window is None:
                 return inf
             for state in instances.values():
-                found = max(found, state[0] + run.unit.window)
+                found = max(found, state[TIME] + run.unit.window)
         return found
 
-    def _copied(self) -> list[dict[Name, State]]:
-        return [{name: copied(state) for name, state in instances.items()} for instances in self._instances]
+    def _horizon(self, unit: Unit) -> int | None:
+        """Return the least time of the last event of an instance that can still detect; None for any."""
+        if unit.window is None or self._watermark is None:
+            return None
+        return self._watermark - unit.window
 
     def fork(self) -> Self:
         """Return an independent copy."""
         twin = copy(self)
-        twin._instances, twin._sweep_at = self._copied(), [*self._sweep_at]  # noqa: SLF001 (its own)
+        twin._instances, twin._sweep_at = _copies(self._instances), [*self._sweep_at]  # noqa: SLF001 (its own)
         return twin
 
     @property
@@ -275,13 +291,12 @@ class LatestStarts(Strategy):
 
     def snapshot(self) -> object:
         """Return the state for `restore`."""
-        return self._copied(), [tuple(one) for one in self._detected], self._watermark
+        return _copies(self._instances), [tuple(one) for one in self._detected], self._watermark
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot of the same tree."""
         instances, detected, self._watermark = snapshot
-        self._instances = [*instances]
-        self._instances = self._copied()
+        self._instances = _copies(instances)
         self._detected = [Detected(*one) for one in detected]
         self._sweep_at = [2 * len(one) + SWEEP for one in instances]
 
@@ -300,9 +315,9 @@ class LatestStarts(Strategy):
         for number, (run, instances) in enumerate(zip(self.runs, self._instances, strict=True)):
             if () not in instances:
                 yield number, None, run.start()
-            window = None if self._watermark is None else run.unit.window
+            least = self._horizon(run.unit)
             for name, state in instances.items():
-                if window is None or self._watermark is None or state[0] >= self._watermark - window:
+                if least is None or state[TIME] >= least:
                     yield number, name, state
 
     @property
@@ -322,7 +337,7 @@ class _InstanceSearch(MatchSearch):
     def __init__(self, strategy: LatestStarts) -> None:
         self.prop = strategy.prop
         self._strategy = strategy
-        self._came = {(unit, event[2]) for unit, _, state, match in strategy.detected for event in state[1] or ()}
+        self._came = {(unit, event[2]) for unit, _, state, _ in strategy.detected for event in state[EVENTS] or ()}
 
     def find(self, choices: Choices) -> FoundMatch | None:
         """Return a match with these choices, or None."""
@@ -361,7 +376,7 @@ class _InstanceSearch(MatchSearch):
             run = self._strategy.runs[number]
             without = _without(run.unit, choices or {})
             if without is not None:
-                own = run.again(state[1] or (), without)[0] if without else state
+                own = run.again(state[EVENTS] or (), without)[0] if without else state
                 names = {
                     *run.awaits(own, without, self._strategy.watermark, begun=name is not None and bool(run.unit.key))
                 }
@@ -380,10 +395,15 @@ class _InstanceSearch(MatchSearch):
         return False
 
 
+def _copies(some: Iterable[Mapping[Name, State]]) -> list[dict[Name, State]]:
+    """Return independent copies of the instances of units."""
+    return [{name: copied(state) for name, state in instances.items()} for instances in some]
+
+
 def _values(unit: Unit, name: Name, state: State) -> Mapping[str, Json]:
     """Return the values of the key of an instance; none if they are undefined, or for a new one."""
-    if name is None or state[2] is not None:
-        return state[2] or {}
+    if name is None or state[KEY] is not None:
+        return state[KEY] or {}
     values = (name,) if len(unit.key) == 1 else name
     assert isinstance(values, tuple), "one value for each variable"
     return dict(zip(unit.key, values, strict=True))

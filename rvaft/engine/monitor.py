@@ -142,16 +142,13 @@ class Engine(Monitor):
         A caller of `take` passes late events to `skip` instead. `jumps` have the numbers of events.
         """
         own = self.tree.time
-        if own is None or own.late is None or self._read_time is None or (time := self._read_time(event)) is None:
+        if own is None or own.late is None or self._read_time is None:
             return False
-        latest = self._latest
-        if latest is not None and time <= latest:
-            return latest - time > own.late
-        if latest is None or time - latest > own.late:
-            self.jumps = own.jumped(self.jumps, number, latest, time)
-        self._latest = time
-        self._strategy.forget(time - own.late)
-        return False
+        late, latest = own.is_late_at(self._read_time(event), self._latest)
+        if latest != self._latest:
+            self.jumps = own.jumped(self.jumps, number, self._latest, latest)
+            self.pass_time(latest)
+        return late
 
     @property
     def until(self) -> float:

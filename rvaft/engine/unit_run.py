@@ -19,6 +19,11 @@ from rvaft.engine.explanation import Step
 from rvaft.engine.units import Op, Unit, UnitLeaf
 from rvaft.model.values import Json, key
 
+TIME: Final = 0
+"""The places of the first values of a state."""
+EVENTS: Final = 1
+KEY: Final = 2
+WATERMARK: Final = 3
 HEAD: Final = 4
 """The number of values of a state before those of nodes."""
 Match: TypeAlias = tuple[Any, ...]
@@ -44,7 +49,7 @@ class UnitRun(ABC):
     def __init__(self, unit: Unit) -> None:
         self.unit = unit
         counted = [leaf for leaf in unit.leaves if leaf.number > 1]
-        size = HEAD + len(unit.ops)
+        size = HEAD + len(unit.places)
         self.places = {leaf.node: size + place for place, leaf in enumerate(counted)}
         """The places of the events of counted leaves in a state."""
         self.size = size + len(counted)
@@ -193,7 +198,7 @@ class OrderedRun(UnitRun):
         )
         """The leaves of which a later event can replace an earlier one."""
         done: list[Complete] = []
-        for node in range(len(unit.ops)):
+        for node in range(len(unit.places)):
             done.append(_within(unit.windows[node], self._above(node, done)))
         self.takes = {leaf.node: self._taking(leaf, done[leaf.node]) for leaf in unit.leaves}
 
@@ -227,7 +232,7 @@ class OrderedRun(UnitRun):
                 before = state[slot]
                 if before is None:
                     return None
-            state[0] = time
+            state[TIME] = time
             if remembers:
                 self._remember(state, leaf, (position, time, node, values))
             if settled and self.is_over(state, node):
@@ -247,9 +252,9 @@ class OrderedRun(UnitRun):
         must follow.
         """
         unit, node, count = self.unit, leaf.node, leaf.number
-        events = state[1]
+        events = state[EVENTS]
         if events is None:
-            state[1] = [event]
+            state[EVENTS] = [event]
             return
         window = unit.window
         if window is not None and events[0][1] < event[1] - window:
@@ -290,7 +295,7 @@ class OrderedRun(UnitRun):
 
     def concerning(self, state: State) -> Iterable[Remembered]:
         """Return the remembered events."""
-        return state[1] or ()
+        return state[EVENTS] or ()
 
     def alive(self, found: Match, least: int) -> bool:
         """Whether a match starts at this time or later."""
@@ -298,7 +303,7 @@ class OrderedRun(UnitRun):
 
     def future(self, state: State) -> Hashable:
         """Return the times of matches and counted events."""
-        matches = [_times(state[HEAD + node]) for node in range(len(self.unit.ops))]
+        matches = [_times(state[HEAD + node]) for node in range(len(self.unit.places))]
         counted = [
             frozenset(
                 (name, tuple([(one[1], _times(one[2])) for one in events[1 - leaf.number :]]))

@@ -112,7 +112,6 @@ class Unit:
     key: tuple[str, ...]
     leaves: tuple[UnitLeaf, ...]
     names: tuple[str, ...]
-    ops: tuple[Op, ...]
     children: tuple[tuple[int, ...], ...]
     places: tuple[GatePlace, ...]
     windows: tuple[int | None, ...]
@@ -185,9 +184,7 @@ def _drafted(prop: Property) -> _Draft:
     for part in prop.parts:
         name = "" if part.source is None else part.source.node
         match part:
-            case Event():
-                made[part] = _Draft(Op.LEAF, name, event=part)
-            case Times():
+            case Event() | Times():
                 made[part] = _Draft(Op.LEAF, name, event=part)
             case Condition():
                 made[part] = None
@@ -244,7 +241,7 @@ def _push_guard(condition: Condition, part: Part, below: Sequence[_Draft]) -> No
 
 
 def _push_windows(root: _Draft) -> None:
-    """Move the windows of choices to their children, and drop the window of a single event."""
+    """Move the windows of choices to their children."""
     agenda = [root]
     while agenda:
         node = agenda.pop()
@@ -328,7 +325,6 @@ def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
         key,
         leaves,
         tuple(node.name if node.event is None else node.event.source.node for node in nodes),
-        tuple(node.op for node in nodes),
         children,
         places,
         windows,

@@ -14,7 +14,7 @@ from heapq import nlargest
 from itertools import pairwise
 from typing import Any, Final, TypeAlias
 
-from rvaft.engine.unit_run import HEAD, CountedEvent, Match, Remembered, State, Take, UnitRun
+from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, CountedEvent, Match, Remembered, State, Take, UnitRun
 from rvaft.engine.units import Op, Unit, UnitLeaf
 
 Front: TypeAlias = list[Match]
@@ -26,7 +26,7 @@ class UnorderedRun(UnitRun):
 
     def __init__(self, unit: Unit) -> None:
         super().__init__(unit)
-        size = len(unit.ops)
+        size = len(unit.places)
         inside, followed = [False] * size, [False] * size
         for node in range(1, size):
             gate, op, before, *_ = unit.places[node]
@@ -48,8 +48,8 @@ class UnorderedRun(UnitRun):
         node, after = leaf.node, leaf.after
         if after >= 0 and not state[HEAD + after]:
             return None
-        if time is not None and (state[0] is None or state[0] < time):
-            state[0] = time
+        if time is not None and (state[TIME] is None or state[TIME] < time):
+            state[TIME] = time
         if self.remembers:
             self._remember(state, (position, time, node, values))
         if self.unit.settled[node] and self.is_over(state, node):
@@ -61,18 +61,18 @@ class UnorderedRun(UnitRun):
         return self._rise(state, node, matches)
 
     def _remember(self, state: State, event: Remembered) -> None:
-        events = state[1]
+        events = state[EVENTS]
         if events is None:
-            events = state[1] = []
+            events = state[EVENTS] = []
         events.append(event)
         window = self.unit.window
-        if window is not None and state[3] is not None and events[0][1] < state[3] - window:
-            least = state[3] - window
+        if window is not None and state[WATERMARK] is not None and events[0][1] < state[WATERMARK] - window:
+            least = state[WATERMARK] - window
             events[:] = [one for one in events if one[1] >= least]
 
     def concerning(self, state: State) -> Iterable[Remembered]:
         """Return the remembered events that a window around the last event has."""
-        events, window = state[1] or [], self.unit.window
+        events, window = state[EVENTS] or [], self.unit.window
         if window is None or not events:
             return events
         time = events[-1][1]
@@ -93,7 +93,7 @@ class UnorderedRun(UnitRun):
                 return []
             return [(events[0][0], None, (leaf.node, events, count), None, event[0])]
         place = len(events)
-        if state[3] is not None and events and events[place // 2][1] < state[3] - limit:
+        if state[WATERMARK] is not None and events and events[place // 2][1] < state[WATERMARK] - limit:
             events = events[place // 2 + 1 :]
             place = len(events)
         if events and time < events[-1][1]:
@@ -275,8 +275,8 @@ class UnorderedRun(UnitRun):
             while place and front[place - 1][3] >= match[3] and (not first or front[place - 1][0] <= match[0]):
                 place -= 1
         front[place:end] = [match]
-        if state[3] is not None:
-            self._forget(front, state[3], limit, ends=not first and not last)
+        if state[WATERMARK] is not None:
+            self._forget(front, state[WATERMARK], limit, ends=not first and not last)
         return True
 
     def _forget(self, front: Front, watermark: int, limit: int, *, ends: bool) -> None:
@@ -319,8 +319,8 @@ class UnorderedRun(UnitRun):
 
     def kept(self, state: State) -> int:
         """Return the number of matches and counted events of a state."""
-        remembered = len(state[1] or ())
-        fronts = remembered + sum(len(one) for one in state[HEAD : HEAD + len(self.unit.ops)] if one is not None)
+        remembered = len(state[EVENTS] or ())
+        fronts = remembered + sum(len(one) for one in state[HEAD : HEAD + len(self.unit.places)] if one is not None)
         counted = (self.events_of(state, leaf).values() for leaf in self.unit.leaves if leaf.number > 1)
         return fronts + sum(len(events) for some in counted for events in some)
 

@@ -293,11 +293,8 @@ class EventTime:
             if type(value) is int and -_MOST_WHOLE < value < _MOST_WHOLE:
                 return value * factor + begin
             if type(value) is float:
-                whole, _, decimals = repr(value).partition(".")
-                if whole.isdigit() and decimals.isdigit():
-                    digits, tens = int(whole + decimals) * factor, 10 ** len(decimals)
-                    if digits % tens == 0:
-                        return int(digits // tens) + begin
+                found = _multiplied(repr(value), factor)
+                return None if found is None else found + begin
             return self.of(value)
 
         return read
@@ -319,10 +316,15 @@ class EventTime:
         >>> EventTime(("ts",), TimeFormat.SECONDS, late=0).is_late({"ts": 2}, 3_000_000_000)
         (True, 3000000000)
         """
-        time = None if self.late is None else self.read(event)
-        if time is None or latest is None:
-            return False, latest if time is None else time
-        return latest - time > (self.late or 0), max(latest, time)
+        return self.is_late_at(self.read(event), latest)
+
+    def is_late_at(self, time: int | None, latest: int | None) -> tuple[bool, int | None]:
+        """As `is_late`, for an event with this time."""
+        if self.late is None or time is None:
+            return False, latest
+        if latest is None:
+            return False, time
+        return latest - time > self.late, max(latest, time)
 
     def jumped(self, jumps: tuple[Jump, ...], number: int, before: int | None, latest: int | None) -> tuple[Jump, ...]:
         """Return the last `JUMPS` jumps after an event that moved the maximum time on from `before`."""

@@ -73,7 +73,8 @@ def test_the_same_is_said(name: str, options: str, tmp_path: Path, monkeypatch: 
 
 def test_who_reads_is_killed_and_who_waits_is_told(tmp_path: Path) -> None:
     tree, log = written(tmp_path / "tree.rvaft", TREE), tmp_path / "log.jsonl"
-    log.write_bytes(TEXT * 1_000)
+    # times that rise, because a reader that is killed late leaves a warning about others
+    log.write_bytes(b"".join(b'{"topic": "t", "value": 1, "time": %d}\n' % number for number in range(800_000)))
     with started("monitor", tree, log, "--semantics", "scattered", "--jobs", 2) as running:
         found: list[str] = []
         while not found and running.poll() is None:
@@ -83,7 +84,6 @@ def test_who_reads_is_killed_and_who_waits_is_told(tmp_path: Path) -> None:
         os.kill(int(found[0]), signal.SIGKILL)
         _, said = running.communicate(timeout=30)
     assert running.returncode == 2
-    assert "Traceback" not in said
-    [line] = [line for line in said.splitlines() if line.startswith("rvaft: ")]  # Python may tell of the process, too
-    assert line.startswith(f"rvaft: error: {log}:"), said
-    assert line.endswith("the process that read it was killed"), said
+    [line] = said.splitlines()
+    assert line.startswith(f"rvaft: error: {log}:")
+    assert line.endswith("the process that read it was killed")

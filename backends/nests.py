@@ -28,6 +28,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
+    Without,
     parts_below,
 )
 from rvaft.errors import TooLarge, TreeError
@@ -210,7 +211,7 @@ class Nesting:
                     inner = [set[object]().union(*inner)]
                 case All():
                     inner.append({name for guard in self._foreign(part) for name in variables(guard)})
-                case AtLeast() | Sequence() | Within():
+                case AtLeast() | Sequence() | Within() | Without():
                     pass
                 case Times() | EndInOrder():
                     raise AssertionError("passes remove these before")
@@ -272,7 +273,7 @@ class Nesting:
                 return joined(PartKind.AT_LEAST, [self._nest(one, ()) for one in part.parts], need)
             case Within(parts=(whole,), duration=duration):
                 return self._nest(whole, guards).during(duration)
-            case Within() | Times() | EndInOrder():
+            case Within() | Times() | EndInOrder() | Without():
                 raise AssertionError("passes remove these before")
             case _:
                 assert_never(part)

@@ -25,6 +25,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
+    Without,
 )
 from rvaft.core.scenarios import resolutions
 from rvaft.errors import Cause, NotExpressible, Reason, TooLarge, unwritten
@@ -101,6 +102,7 @@ _CONSTRUCTS: Final[Mapping[type[Part], str]] = {
     AtLeast: "votes (k-of-n)",
     EndInOrder: "parts that end in order (`pand`)",
     Within: "windows (`within`)",
+    Without: "absent events (`without`)",
 }
 assert set(_CONSTRUCTS) == set(PARTS)
 

@@ -20,6 +20,7 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
+    Without,
 )
 from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.tree import RVAFT
@@ -45,7 +46,11 @@ def build(tree: RVAFT) -> Property:
         if node.when is not None:
             ordered.append(Condition(source, node.when))
         whole = ordered[0] if len(ordered) == 1 else All(source, tuple(ordered))
-        wholes[source] = whole if node.within is None else Within(source, (whole,), node.within)
+        whole = whole if node.within is None else Within(source, (whole,), node.within)
+        for number, clause in enumerate(node.without, 1):
+            pattern, local = tree.instantiate(clause.on), tree.own_variables(clause)
+            whole = Without(source, (whole,), pattern, clause.when, local, clause.side, clause.duration, number)
+        wholes[source] = whole
     ignored = tuple(Ignored(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores)
     return Property(wholes[Source(tree.root)], tree, tree.alphabet, ignored, tree.time, wholes)
 

@@ -23,6 +23,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
+    Without,
     fewest,
 )
 from rvaft.model.guards import Guard
@@ -145,7 +146,7 @@ def op_of(part: Part) -> PartKind:
             return PartKind.ONE
         case AtLeast():
             return PartKind.AT_LEAST
-        case Times() | EndInOrder() | Within():
+        case Times() | EndInOrder() | Within() | Without():
             raise AssertionError("passes remove these before")
         case _:
             assert_never(part)

@@ -27,6 +27,7 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
+    Without,
     chooses,
     parts_below,
     with_parts,
@@ -220,7 +221,7 @@ class _Ends:
                 return ()
             case Sequence() | EndInOrder():
                 return self._lasts[busy[-1]] if busy else ()
-            case All() | One() | AtLeast() | Within():
+            case All() | One() | AtLeast() | Within() | Without():
                 return tuple(dict.fromkeys(last for inner in busy for last in self._lasts[inner]))
             case _:
                 assert_never(part)
@@ -453,7 +454,7 @@ def _variables(part: Part) -> tuple[str, ...]:
             return patterns.variables(part.pattern)
         case Condition():
             return variables(part.guard)
-        case All() | Sequence() | One() | AtLeast() | EndInOrder() | Within():
+        case All() | Sequence() | One() | AtLeast() | EndInOrder() | Within() | Without():
             return ()
         case _:
             assert_never(part)
@@ -486,7 +487,7 @@ def decide_constants(prop: Property) -> Property:
                 if len(possible) == part.need:
                     return All(part.source, possible)
                 return with_parts(part, possible)
-            case All() | Sequence() | EndInOrder() | Within():
+            case All() | Sequence() | EndInOrder() | Within() | Without():
                 return with_parts(part, parts) if len(possible) == len(parts) else IMPOSSIBLE
             case _:
                 assert_never(part)
@@ -524,7 +525,7 @@ def _flatten(prop: Property, _: int) -> Property:
                 if not inner:
                     return NOTHING
                 return inner[0] if len(inner) == 1 else kind(part.source, tuple(inner))
-            case Event() | Times() | Condition() | One() | AtLeast() | EndInOrder() | Within():
+            case Event() | Times() | Condition() | One() | AtLeast() | EndInOrder() | Within() | Without():
                 return with_parts(part, parts)
             case _:
                 assert_never(part)
@@ -557,6 +558,8 @@ def followed(prop: Property, limit: int = LIMIT) -> Property:
 
 
 def _followed(prop: Property, limit: int) -> Property:
+    if any(map(chooses, prop.parts)) and any(_is_shared_below(prop, part) for part in prop.absences):
+        return _by_choices(prop, limit, lambda each, left: iter(reduced(each, left).alternatives))
     made = prop
     if any(isinstance(part, EndInOrder) for part in prop.parts):
         try:
@@ -569,6 +572,11 @@ def _followed(prop: Property, limit: int) -> Property:
         return simplify(_with_guards(made, only_fixed=True))
     except _Open:
         return reduced(prop, limit)
+
+
+def _is_shared_below(prop: Property, part: Without) -> bool:
+    """Whether the part of an absent event has shared parts."""
+    return not prop.shared.isdisjoint(parts_below(part.parts[0]))
 
 
 def _shares_below_ends(prop: Property) -> bool:

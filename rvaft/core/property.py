@@ -11,9 +11,9 @@ from typing import Any, Final, NamedTuple, Self, TypeAlias
 from weakref import WeakValueDictionary
 
 from rvaft.model.event_time import EventTime
-from rvaft.model.guards import Guard, time_points
-from rvaft.model.nodes import Assumption, Kind, Relevant
-from rvaft.model.patterns import Pattern
+from rvaft.model.guards import Guard, time_points, variables
+from rvaft.model.nodes import Assumption, Kind, Relevant, Side
+from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.tree import RVAFT, sorted_topologically
 
 
@@ -135,10 +135,45 @@ class Within(_Part):
     duration: int
 
 
-Part: TypeAlias = Event | Times | Condition | All | Sequence | One | AtLeast | EndInOrder | Within
+@dataclass(frozen=True, slots=True, eq=False)
+class Without(_Part):
+    """One part, and no event of a pattern beside it (semantics, section 1.5).
+
+    `own` are the local variables of pattern and guard; the others are those of the property.
+    `number` distinguishes the clauses of a node.
+    """
+
+    source: Source
+    parts: tuple["Part", ...]
+    pattern: Pattern
+    guard: Guard | None
+    own: frozenset[str]
+    side: Side
+    duration: int | None
+    number: int
+
+    @property
+    def shared(self) -> tuple[str, ...]:
+        """The variables that the events of a match bind, in order."""
+        names = dict.fromkeys((*rigid_variables(self.pattern), *variables(self.guard)))
+        return tuple(name for name in names if name not in self.own)
+
+
+Part: TypeAlias = Event | Times | Condition | All | Sequence | One | AtLeast | EndInOrder | Within | Without
 """A `match` over the parts ends in `assert_never`."""
 
-PARTS: Final[tuple[type[Part], ...]] = (Event, Times, Condition, All, Sequence, One, AtLeast, EndInOrder, Within)
+PARTS: Final[tuple[type[Part], ...]] = (
+    Event,
+    Times,
+    Condition,
+    All,
+    Sequence,
+    One,
+    AtLeast,
+    EndInOrder,
+    Within,
+    Without,
+)
 NOTHING: Final = All(None, ())
 """The part without events or conditions."""
 IMPOSSIBLE: Final = One(None, ())
@@ -251,6 +286,11 @@ class Property:
         return any(
             isinstance(part, Within) or (isinstance(part, Condition) and time_points(part.guard)) for part in self.parts
         )
+
+    @cached_property
+    def absences(self) -> tuple[Without, ...]:
+        """The events that must be absent."""
+        return tuple(part for part in self.parts if isinstance(part, Without))
 
     @property
     def feasible(self) -> bool:

@@ -21,6 +21,7 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
+    Without,
     fewest,
     with_parts,
 )
@@ -609,7 +610,7 @@ def most_scenarios(prop: Property) -> int:
                 for of_part in inside:
                     keeping = [keeping[0], *(more + of_part * fewer for fewer, more in pairwise(keeping))]
                 ways[part] = sum(keeping[need:])
-            case Event() | Times() | Condition() | All() | core.Sequence() | EndInOrder() | Within():
+            case Event() | Times() | Condition() | All() | core.Sequence() | EndInOrder() | Within() | Without():
                 ways[part] = prod(inside)
             case _:
                 assert_never(part)

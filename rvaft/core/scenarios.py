@@ -18,6 +18,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
+    Without,
     chooses,
     fewest,
     parts_below,
@@ -49,7 +50,7 @@ def observable(parts: Iterable[Part]) -> set[Part]:
                 possible = not is_constant(part) or holds(part.guard, {})
             case One() | AtLeast():
                 possible = sum(inner in found for inner in part.parts) >= fewest(part)
-            case All() | Sequence() | EndInOrder() | Within():
+            case All() | Sequence() | EndInOrder() | Within() | Without():
                 possible = all(inner in found for inner in part.parts)
             case _:
                 assert_never(part)
@@ -70,7 +71,7 @@ def most_events(parts: Iterable[Part]) -> dict[Part, int]:
                 most[part] = min(2, count)
             case One():
                 most[part] = max(inner, default=0)
-            case Condition() | All() | Sequence() | AtLeast() | EndInOrder() | Within():
+            case Condition() | All() | Sequence() | AtLeast() | EndInOrder() | Within() | Without():
                 most[part] = min(2, sum(inner))
             case _:
                 assert_never(part)
@@ -157,7 +158,7 @@ def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
                     for event in bits(inside[subpart]):
                         before[event] |= previous
                     previous = inside[subpart] or previous
-            case Condition() | All() | One() | AtLeast() | Within():
+            case Condition() | All() | One() | AtLeast() | Within() | Without():
                 pass
             case _:
                 assert_never(part)

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Any, ClassVar, Final, Self
 
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
-from rvaft.engine.configuration import Configuration, Witness, flattened, history, unflattened
+from rvaft.engine.configuration import Configuration, Witness, events_of, flattened, history, unflattened
 from rvaft.engine.explanation import explained_match, explanation_of, pending
 from rvaft.engine.partial_matches import Matching
 from rvaft.engine.replay import ReplaySearch, steps_of
@@ -84,7 +84,7 @@ class Following(Measured):
         The branch depends on the nodes of the matches, in order, and on their failed guards only.
         """
         compiled, matches, known = self.compiled, self.matches, self.compiled.explained
-        histories = [history(match.witness) for match in matches]
+        histories = [events_of(match.witness) for match in matches]
         nodes = [(*[step[1] for step in steps],) for steps in histories]
         alike = tuple([(own, one.place) for own, one in zip(nodes, matches, strict=True)])
         if alike not in known:
@@ -112,7 +112,7 @@ class Following(Measured):
         for match in self.partial:
             alike.setdefault(match.place, match)
         for match in alike.values():
-            taken = {step.node: step.position for step in history(match.witness)}
+            taken = {step.node: step.position for step in events_of(match.witness)}
             unfit = (*bits(match.unfit | match.owing),)
             awaited = partial(self._awaited, match.witness)
             yield Progress(taken, (*bits(match.dead),), unfit, match.broken, awaited=awaited)

@@ -27,7 +27,7 @@ from rvaft.model.guards import Guard, Operator, Predicate, TimePoint, conjuncts,
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.values import Json
-from rvaft.support.bits import mask_of, union
+from rvaft.support.bits import bits, mask_of, union
 
 
 class _Node(NamedTuple):
@@ -43,6 +43,7 @@ class _Node(NamedTuple):
     window: int | None = None
     ends: bool = False
     """Whether the children end in order."""
+    absence: core.Without | None = None
 
 
 def _all_nodes(prop: Property) -> tuple[list[_Node], list[tuple[int, ...]]]:
@@ -94,6 +95,8 @@ def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Nod
             return _Node(part, current, None, guard, op_of(current), (), 0)
         case core.Within(parts=parts, duration=duration):
             return _Node(part, None, None, guard, PartKind.ALL, parts, 1, window=duration)
+        case core.Without(parts=parts):
+            return _Node(part, None, None, guard, PartKind.ALL, parts, 1, absence=current)
         case core.Condition() if guard is None:
             return _Node(part, None, None, current.guard, op_of(current), (), 0)
         case core.Sequence(parts=(core.Event() as event, below)) if direction is not False:
@@ -120,7 +123,7 @@ def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
 
 def _is_gate(part: Part) -> bool:
     own = any(isinstance(one, core.Condition) and _belongs(one, part, frozenset()) for one in part.parts)
-    return bool(part.parts) and not own and not isinstance(part, core.Within)
+    return bool(part.parts) and not own and not isinstance(part, core.Within | core.Without)
 
 
 def _need(part: Part, rest: tuple[Part, ...]) -> int:
@@ -159,9 +162,14 @@ class CompiledTree:
             if self.certain >> node & ~self.chooses >> node & 1:
                 self.certain |= mask_of(children)
         self.own = tuple(one.event is not None for one in nodes)
+        self.events_mask = mask_of(node for node, own in enumerate(self.own) if own)
         self.top_down = next((one.event_first for one in nodes if one.event_first is not None), True)
         """Whether events of nodes precede the events below them."""
         self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
+        self.clauses = {
+            node: Clause(node, inner[node][0], part) for node, one in enumerate(nodes) if (part := one.absence)
+        }
+        """The silent nodes with an absent event."""
         self._note_variables(nodes)
         seen = Counter(chain(*self.children))
         self._note_parts({child for child, count in seen.items() if count > 1})
@@ -170,6 +178,7 @@ class CompiledTree:
         assert not self.ends & mask_of(self.core), "such trees have alternatives instead"
         self.windows = {node: one.window for node, one in enumerate(nodes) if one.window is not None}
         """The silent nodes that bound how far the events below are apart, with durations."""
+        self._note_absences(len(nodes))
         self._note_registers()
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
@@ -226,6 +235,12 @@ class CompiledTree:
         bound = [names if time is None else (*names, time) for names, time in zip(bound, self.time_of, strict=True)]
         needs = [guard_variables(guard) for guard in guards]
         mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
+        self.absent_with: dict[str, list[int]] = {}
+        """By variable, the nodes with an absent event that shares it."""
+        for clause in self.clauses.values():
+            for name in clause.part.shared:
+                self.absent_with.setdefault(name, []).append(clause.node)
+                mentioned[name] += 1
         private = [{name for name in names if mentioned[name] == 1 and name not in self.times} for names in bound]
         filters = [bool(names) and private[node].issuperset(names) for node, names in enumerate(needs)]
         self.filters = tuple(guard if only else None for guard, only in zip(guards, filters, strict=True))
@@ -280,6 +295,31 @@ class CompiledTree:
                 self.freezer[child] = child if later or ends else self.freezer[node]
         self.parts = tuple(node for node in range(size) if node not in core and self.parent[node] < 0)
 
+    def _note_absences(self, size: int) -> None:
+        self.inside: list[int] = [0] * size
+        """If there are absent events, for each node the nodes at and below it."""
+        for node in range(size - 1, -1, -1) if self.clauses else ():
+            self.inside[node] = 1 << node | union(self.inside[child] for child in self.children[node])
+        targets = {clause.target: None for clause in self.clauses.values()}
+        found = list[int]()
+        for node in range(size if self.clauses else 0):
+            found.append(mask_of(target for target in targets if self.inside[target] >> node & 1))
+        self.absent_around = found
+        """If there are absent events, for each node the parts around it that have one."""
+        self.clauses_of: dict[int, list[Clause]] = {}
+        """The clauses of each such part."""
+        for clause in self.clauses.values():
+            self.clauses_of.setdefault(clause.target, []).append(clause)
+
+    def events_inside(self, node: int) -> int:
+        """Return the nodes with an event at and below a part with an absent event."""
+        return self.inside[node] & self.events_mask
+
+    def clauses_around(self, node: int) -> list["Clause"]:
+        """Return the clauses of parts with a node, inner ones first."""
+        parts = [*bits(self.absent_around[node])] if self.clauses else []
+        return [clause for part in reversed(parts) for clause in self.clauses_of[part]]
+
     def surely_below(self, window: int) -> frozenset[int]:
         """Return the core nodes and parts that are below a window in every scenario."""
         found = self._surely_below.get(window)
@@ -315,6 +355,9 @@ class CompiledTree:
                 parent = self.parent[parent]
             if own and any(self.below[window] >> node & 1 for window in self.over_core):
                 above[self.part_of[node]] = None
+            for clause in self.clauses_around(node) if own else ():
+                if clause.part.duration is not None:
+                    above[clause.target] = None
             found.append(tuple(map(self.register, above)))
         self.registers = tuple(found)
         """For each node with an event, the registers of its time."""
@@ -350,6 +393,24 @@ def window_over(registers: Iterable[Register], duration: int) -> TimeDifference:
     registers = tuple(registers)
     last = Extreme(Operator.MAX, (*[one.greatest for one in registers], NOW))
     return TimeDifference(last, Extreme(Operator.MIN, (*[one.least for one in registers], NOW)), duration)
+
+
+class Clause(NamedTuple):
+    """An absent event: its silent node, the node of its part, and what must be absent."""
+
+    node: int
+    target: int
+    part: core.Without
+
+    @property
+    def place(self) -> tuple[str, int]:
+        """The node in the tree, and the number of its clause."""
+        return self.part.source.node, self.part.number
+
+    @property
+    def decided_by_event(self) -> bool:
+        """Whether the guard needs the variables of the absent event only."""
+        return set(guard_variables(self.part.guard)) <= set(rigid_variables(self.part.pattern))
 
 
 class Conjunct(NamedTuple):
@@ -403,6 +464,8 @@ class Admission(NamedTuple):
     """The guards that the event alone decides, by node bit."""
     own: tuple[tuple[int, Predicate], ...] = ()
     """These guards for a letter with several ways to match; each way decides them."""
+    breaks: tuple[int, ...] = ()
+    """The nodes whose absent event this is."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -416,6 +479,8 @@ class EventClass:
     """The decided guards that hold, as bits, for each serving letter."""
     timed: bool = False
     """Whether a letter needs the time of the event, or may match in several ways."""
+    breaking: tuple[Admission, ...] = ()
+    """The letters of absent events that match."""
 
 
 class Inert(NamedTuple):
@@ -435,6 +500,9 @@ class Occurrences(NamedTuple):
     prop: Property
     patterns: tuple[Pattern, ...]
     filters: tuple[Guard | None, ...]
+
+    clauses: Mapping[int, "Clause"] = {}
+    """The absent events."""
 
     def times_of(self, node: int) -> tuple[str, ...]:  # noqa: ARG002
         """Return no names: the strategy reads the time."""
@@ -461,13 +529,18 @@ class TreeLetters:
                 letter = Letter(pattern, compiled.filters[node])
                 serves.setdefault((letter, compiled.times_of(node)), []).append(node)
         alphabet = dict.fromkeys((Letter(entry.pattern, entry.when), ()) for entry in prop.alphabet)
-        found = tuple(dict.fromkeys([*serves, *alphabet]))
+        breaks: dict[tuple[Letter, tuple[str, ...]], list[int]] = {}
+        for clause in compiled.clauses.values():
+            absent = Letter(clause.part.pattern, clause.part.guard if clause.decided_by_event else None)
+            breaks.setdefault((absent, ()), []).append(clause.node)
+        found = tuple(dict.fromkeys([*serves, *alphabet, *breaks]))
         self.letters = tuple(letter for letter, _ in found)
         self.serves = tuple(tuple(serves.get(one, ())) for one in found)
         self._admissions: dict[Pattern, list[Admission]] = {}
         for number, (letter, times) in enumerate(found):
             nodes, own = self.serves[number], reader(number, letter)
-            plain = Admission(number, nodes, (letter, times) in alphabet, own, times, ())
+            broken = tuple(breaks.get((letter, times), ()))
+            plain = Admission(number, nodes, (letter, times) in alphabet, own, times, (), (), broken)
             guards = compiled.decided_by(nodes).items() if decide else ()
             if own.ways is None:
                 tests = tuple((1 << node, self._test(plain, guard)) for node, guard in guards)
@@ -534,7 +607,8 @@ class TreeLetters:
             if any(holds[len(letters) : first]):
                 relevant = False
             timed = any(one.times or one.reader.ways is not None for one in serving)
-            return EventClass(tuple(serving), relevant, tuple(held), timed)
+            breaking = tuple(one for number, one in enumerate(letters) if holds[number] and one.breaks)
+            return EventClass(tuple(serving), relevant, tuple(held), timed, breaking)
 
         return guard_table([*(one.reader.test for one in letters), *(one.test for one in ignored), *decided], derive)
 

@@ -15,6 +15,7 @@ node to the root of the part.
 
 from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, field
+from enum import IntEnum
 from itertools import chain
 from operator import add
 from typing import Any, Final, NamedTuple, Optional, TypeAlias, cast
@@ -56,6 +57,9 @@ class Configuration:
     - `unfit`: the windows that the events taken break, if their part may go on regardless.
     - `owing`: the children of ends in order that need a later event than those taken.
     - `broken`: a window over shared nodes and two elements with events too far apart for it.
+    - `ended`: the parts that can have no more events, because of an absent event.
+    - `unanswered`: the parts that need one more event, because of an absent event.
+    - `decided`: the nodes whose absent event can come no more.
     - `flags`, `tallies`: derived data of `PartProgress` where it differs from the start.
     - `witness`: the steps so far; not part of the state.
     """
@@ -70,13 +74,16 @@ class Configuration:
     unfit: int = 0
     owing: int = 0
     broken: frozenset[tuple[int, int, int]] = frozenset()
+    ended: int = 0
+    unanswered: int = 0
+    decided: int = 0
     witness: Witness | None = None
 
     def copy(self) -> "Configuration":
         """Return an independent copy."""
         own = self.binding.copy(), self.inversions, self.flags.copy(), self.tallies.copy()
-        broken = self.unfit, self.owing, self.broken
-        return Configuration(self.dead, self.closed, self.taken, *own, *broken, self.witness)
+        broken, absent = (self.unfit, self.owing, self.broken), (self.ended, self.unanswered, self.decided)
+        return Configuration(self.dead, self.closed, self.taken, *own, *broken, *absent, self.witness)
 
     @property
     def fields(self) -> tuple[object, ...]:
@@ -86,22 +93,54 @@ class Configuration:
     @property
     def key(self) -> Hashable:
         """A key that is equal for partial matches with equal futures."""
-        broken = self.inversions, self.unfit, self.owing, self.broken
-        return self.taken, self.dead, *broken, fingerprint(self.binding)
+        return self.taken, self.dead, *self._broken, fingerprint(self.binding)
 
     @property
     def place(self) -> tuple[Hashable, ...]:
         """The progress, which does not depend on the values of variables."""
-        return self.taken, self.dead, self.closed, self.inversions, self.unfit, self.owing, self.broken
+        return self.taken, self.dead, self.closed, *self._broken
+
+    @property
+    def _broken(self) -> tuple[Hashable, ...]:
+        broken = self.inversions, self.unfit, self.owing, self.broken
+        return *broken, self.ended, self.unanswered, self.decided
 
 
 def history(last: Witness | None) -> list[Witness]:
-    """Return the steps up to the last."""
+    """Return the steps up to the last, marks among them (see `Mark`)."""
     steps = []
     while last is not None:
         steps.append(last)
         last = last.before
     return steps[::-1]
+
+
+def events_of(last: Witness | None) -> list[Witness]:
+    """Return the steps up to the last that are events."""
+    return [step for step in history(last) if step.node >= 0]
+
+
+class Mark(IntEnum):
+    """What becomes known of an absent event of a partial match; it is noted as a step.
+
+    - BROKEN: it came, while it breaks the clause if no event of the part, or another one, follows.
+    - DECIDED: the time in which it could come has passed.
+    - FINISHED: no event of the match can follow, since it had to use the last one.
+    """
+
+    BROKEN = 0
+    DECIDED = 1
+    FINISHED = 2
+
+    def at(self, node: int) -> int:
+        """Return the node of a step that is this mark at a node."""
+        return -1 - len(Mark) * node - self
+
+    @staticmethod
+    def of(node: int) -> tuple["Mark", int]:
+        """Return the mark and its node."""
+        at, mark = divmod(-1 - node, len(Mark))
+        return Mark(mark), at
 
 
 FlatGroups: TypeAlias = tuple[list[tuple[int, int, int, Mapping[str, Json]]], list[list[tuple[object, ...]]]]
@@ -269,6 +308,10 @@ class PartProgress:
                 found = TOUCHED | found & (DONE | SURE)
         if configuration.dead >> node & 1:
             return found & TOUCHED
+        if configuration.ended >> node & 1:
+            found &= ~MORE
+        if configuration.unanswered >> node & 1:
+            found &= ~(DONE | SURE)
         if self._windows >> node & 1 and (configuration.unfit >> node & 1 or not found & TOUCHED):
             return found & (TOUCHED | MORE)
         return found if configuration.closed >> node & 1 else found & ~SURE

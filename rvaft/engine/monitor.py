@@ -134,6 +134,7 @@ class Engine(Monitor):
         """Continue after another engine of the same tree; this engine must be new."""
         super().go_on_after(earlier)
         self._position, self.jumps = earlier._position, earlier.jumps
+        self._strategy.go_on_after(earlier._strategy)
         self.pass_time(earlier._latest)
 
     def is_late(self, event: Json, number: int = 0) -> bool:

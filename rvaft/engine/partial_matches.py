@@ -6,10 +6,11 @@ from functools import partial
 from typing import Final, TypeAlias
 
 from rvaft.core.times import TimeDifference
-from rvaft.engine.compiled_tree import NOW, CompiledTree, window_over
-from rvaft.engine.configuration import DONE, MORE, SURE, Configuration, PartProgress, Witness
+from rvaft.engine.compiled_tree import NOW, Clause, CompiledTree, window_over
+from rvaft.engine.configuration import DONE, MORE, SURE, TOUCHED, Configuration, Mark, PartProgress, Witness
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.model.guards import Predicate
+from rvaft.model.nodes import Side
 from rvaft.model.values import Json, equal
 from rvaft.support.bits import bits, mask_of
 
@@ -57,6 +58,46 @@ class Matching:
         flags = self.progress.flags(configuration, self.compiled.root)
         return flags & SURE > 0, flags & MORE > 0
 
+    def part_flags(self, configuration: Configuration, node: int) -> int:
+        """Return the flags of a part with an absent event; one over shared nodes is below no choice."""
+        if node not in self.compiled.members:
+            return self.progress.flags(configuration, node)
+        events = self.compiled.events_inside(node)
+        taken = configuration.taken & events
+        done = taken == events
+        return (TOUCHED if taken else 0) | (DONE | SURE if done else MORE)
+
+    def is_open(self, configuration: Configuration, clause: Clause) -> bool:
+        """Whether an event may still break a clause, or another event of its part may come."""
+        flags = self.part_flags(configuration, clause.target)
+        if not flags & TOUCHED or flags & MORE:
+            return True
+        return clause.part.side is Side.AFTER and not configuration.decided >> clause.node & 1
+
+    def marked(self, configuration: Configuration, mark: Mark, node: int, position: int) -> Configuration | None:
+        """Return the partial match after a mark at a node, or None if it is ruled out."""
+        new, compiled = configuration.copy(), self.compiled
+        clause = compiled.clauses.get(node)
+        match mark:
+            case Mark.FINISHED:
+                new.ended |= 1 << compiled.root
+            case Mark.DECIDED:
+                new.decided |= 1 << node
+            case Mark.BROKEN:
+                assert clause is not None, "only clauses are broken"
+                target, during = clause.target, clause.part.side is Side.DURING
+                if target in compiled.members:
+                    goes_on = self.part_flags(new, target) & MORE > 0
+                    return None if during is goes_on else new
+                new.ended |= during << target
+                new.unanswered |= (not during) << target
+                if not self.progress.refresh(new, target):
+                    return None
+        self._drop_variables(new, [name for name in new.binding if name in compiled.absent_with])
+        self._drop_registers(new)
+        new.witness = Witness(configuration.witness, mark.at(node), position, {})
+        return new if any(self.standing(new)) else None
+
     def extended(
         self,
         configuration: Configuration,
@@ -99,18 +140,37 @@ class Matching:
                     settled.update(name for name in compiled.needs[waiting] if name in new.binding)
                     if not self.fail(new, waiting):
                         return None
-            for name in settled:  # drop the variables that no later event or guard mentions
-                waiting_for_it = compiled.guarded_by.get(name, ())
-                if all(new.closed >> waiting & 1 for waiting in waiting_for_it) and not self.progress.mentioned(
-                    new, name
-                ):
-                    new.binding.pop(name, None)
-        for name in [name for name in new.binding if name in compiled.register_of] if compiled.windows else ():
-            register = compiled.register_of[name]
-            if not self.grows(new, register.node):
-                del new.binding[register.least], new.binding[register.greatest]
+            self._drop_variables(new, settled)
+        if compiled.absent_with:
+            self._drop_variables(new, [name for name in new.binding if name in compiled.absent_with])
+        self._drop_registers(new)
         new.witness = Witness(configuration.witness, node, position, values)
         return new if any(self.standing(new)) else None
+
+    def _drop_variables(self, configuration: Configuration, names: Iterable[str]) -> None:
+        """Drop those of some variables that no later event, guard or clause mentions."""
+        compiled = self.compiled
+        for name in names:
+            waiting = compiled.guarded_by.get(name, ())
+            clauses = (compiled.clauses[node] for node in compiled.absent_with.get(name, ()))
+            if (
+                all(configuration.closed >> node & 1 for node in waiting)
+                and not self.progress.mentioned(configuration, name)
+                and not any(self.is_open(configuration, clause) for clause in clauses)
+            ):
+                configuration.binding.pop(name, None)
+
+    def _drop_registers(self, configuration: Configuration) -> None:
+        register_of = self.compiled.register_of
+        for name in [name for name in configuration.binding if name in register_of] if register_of else ():
+            register = register_of[name]
+            if not self.grows(configuration, register.node):
+                del configuration.binding[register.least], configuration.binding[register.greatest]
+
+    def is_window(self, node: int) -> bool:
+        """Whether the times of the events of a node's part matter for a window."""
+        compiled = self.compiled
+        return node in compiled.windows or any(compiled.below[one] & compiled.below[node] for one in compiled.over_core)
 
     def _note_time(
         self, configuration: Configuration, node: int, now: Json, judged: Mapping[Hashable, bool] | None
@@ -178,6 +238,9 @@ class Matching:
     def grows(self, configuration: Configuration, node: int) -> bool:
         """Whether the part with a register may have another event."""
         compiled = self.compiled
+        timed = (one for one in compiled.clauses_of.get(node, ()) if one.part.duration is not None)
+        if any(self.is_open(configuration, clause) for clause in timed):
+            return True
         own = node in compiled.windows and node not in compiled.members
         if own and self.progress.flags(configuration, node) & MORE and not self.progress.over(configuration, node):
             return True
@@ -186,22 +249,31 @@ class Matching:
 
     def _taken(self, configuration: Configuration, node: int, *, reuse: bool = False) -> Configuration | None:
         in_core = node in self.compiled.members
+        around = self.compiled.absent_around[node] if self.compiled.clauses else 0
+        if configuration.ended & (around | 1 << self.compiled.root):
+            return None
         if not in_core and self.progress.over(configuration, node):
             return None
         new = configuration if reuse else configuration.copy()
         if self.compiled.core:
             new.inversions |= self.shared.inverted(configuration, node)
         new.taken |= 1 << node
+        answered = new.unanswered & around
+        new.unanswered ^= answered
+        new.decided &= ~mask_of(clause.node for clause in self.compiled.clauses_around(node))
         if in_core:
             return new
         ends = self.progress.reordered(new, node)
-        return new if all(self.progress.refresh(new, one) for one in (node, *ends)) else None
+        changed = (node, *ends, *(one for one in reversed([*bits(answered)]) if one not in self.compiled.members))
+        return new if all(self.progress.refresh(new, one) for one in changed) else None
 
     def replayed(self, steps: Iterable[tuple[int, Mapping[str, Json], int]]) -> Configuration | None:
         """Return the partial match after these steps, or None."""
         configuration: Configuration | None = self.start()
         for node, values, position in steps:
-            if configuration is not None:
+            if configuration is not None and node < 0:
+                configuration = self.marked(configuration, *Mark.of(node), position)
+            elif configuration is not None:
                 configuration = self.extended(configuration, node, values, position, reuse=True)
         return configuration if configuration is not None and any(self.standing(configuration)) else None
 
@@ -215,7 +287,9 @@ class Matching:
         if len(self._after) > REMEMBERED:
             self._after.clear()
         for step in reversed(steps):
-            if configuration is not None:
+            if configuration is not None and step.node < 0:
+                configuration = self.marked(configuration, *Mark.of(step.node), step.position)
+            elif configuration is not None:
                 configuration = self.extended(configuration, step.node, step.values, step.position)
             self._after[id(step)] = step, configuration
         return configuration if configuration is not None and any(self.standing(configuration)) else None

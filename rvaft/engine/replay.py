@@ -6,7 +6,7 @@ from typing import Final
 
 from rvaft.core.passes import with_choices
 from rvaft.engine.compiled_tree import CompiledTree
-from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Witness, history
+from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Mark, Witness, events_of, history
 from rvaft.engine.explanation import Choices, CompiledSearch, FoundMatch, Step, found_match
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.values import Json, fingerprint
@@ -44,7 +44,7 @@ class ReplaySearch(CompiledSearch):
         for matching in self._under(choices):
             for match in self._replayed(matching, histories):
                 if matching.standing(match)[0]:
-                    steps = steps_of(matching.compiled, history(match.witness))
+                    steps = steps_of(matching.compiled, events_of(match.witness))
                     return found_match(matching.compiled, steps, _scenario(matching, match))
         return None
 
@@ -56,7 +56,9 @@ class ReplaySearch(CompiledSearch):
             # the partial matches of this branch have been subsumed
             if not replayed and choices and self._drops:
                 sources, own = self.compiled.events, matching.compiled.occurrences
-                rest = [[step for step in steps if sources[step.node] in own] for steps in self._histories]
+                rest = [
+                    [step for step in steps if step.node < 0 or sources[step.node] in own] for steps in self._histories
+                ]
                 replayed = list(self._replayed(matching, rest)) or list(self._replayed(matching, [[]]))
             for match in replayed:
                 names = found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0]
@@ -66,7 +68,7 @@ class ReplaySearch(CompiledSearch):
     @cached_property
     def came(self) -> frozenset[int]:
         """The nodes whose own event, if any, is in a match."""
-        taken = mask_of(step.node for match in self._matches for step in history(match.witness))
+        taken = mask_of(step.node for match in self._matches for step in events_of(match.witness))
         return frozenset(node for node, own in enumerate(self.compiled.own) if not own or taken >> node & 1)
 
     def _under(self, choices: Choices | None) -> Sequence[Matching]:
@@ -90,14 +92,25 @@ class ReplaySearch(CompiledSearch):
                 if match is not None:
                     yield match
             return
-        sources, node_of = self.compiled.events, matching.compiled.occurrences
         for steps in histories:
-            places = [(sources[step.node], step) for step in steps]
-            if all(source in node_of for source, _ in places):
-                taken = ((node_of[source], one.values, one.position) for source, one in places if source is not None)
-                match = matching.replayed(taken)
+            taken = [(self._node_in(matching, step), step) for step in steps]
+            if all(node is not None or step.node < 0 for node, step in taken):
+                known = ((node, step.values, step.position) for node, step in taken if node is not None)
+                match = matching.replayed(known)
                 if match is not None:
                     yield match
+
+    def _node_in(self, matching: Matching, step: Witness) -> int | None:
+        """Return the node of a step in another tree; None if that lacks its event or absent event."""
+        other = matching.compiled
+        if step.node >= 0:
+            source = self.compiled.events[step.node]
+            return None if source is None else other.occurrences.get(source)
+        mark, node = Mark.of(step.node)
+        if mark is Mark.FINISHED:
+            return mark.at(other.root)
+        place = self.compiled.clauses[node].place
+        return next((mark.at(clause.node) for clause in other.clauses.values() if clause.place == place), None)
 
 
 def steps_of(compiled: CompiledTree, steps: Iterable[Witness]) -> list[Step]:

@@ -2,6 +2,7 @@
 
 from rvaft.core.passes import decide_constants, followed
 from rvaft.core.property import IMPOSSIBLE, Property
+from rvaft.engine.absence import AbsentEvents
 from rvaft.engine.all_matches import Contiguous
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.engine.contiguous import SMALL, ContiguousMatches
@@ -41,6 +42,8 @@ def measured_strategy(prop: Property, semantics: Semantics, *, limit: int) -> Me
 def _strategy(prop: Property, semantics: Semantics, limit: int, *, measured: bool = False) -> Measured:
     compiled = CompiledTree(prop)
     letters = TreeLetters(compiled, decide=semantics is Semantics.SCATTERED)
+    if compiled.clauses:
+        return AbsentEvents(compiled, letters, semantics, limit=limit)
     if semantics is not Semantics.SCATTERED:
         if semantics is not Semantics.CONSECUTIVE and len(compiled.names) > SMALL:
             return Contiguous(compiled, letters, semantics, limit=limit)

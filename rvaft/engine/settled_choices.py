@@ -31,7 +31,7 @@ class SettledChoices:
             if compiled.parent[node] >= 0:
                 self._below[compiled.parent[node]] |= self._below[node]
         tree, names = compiled.prop.tree, compiled.names
-        if compiled.prop.kind is not None:
+        if compiled.prop.kind is not None or compiled.clauses:
             return
         weights, weight = dict[str, int](), 1
         for name in or_gates(tree):
@@ -69,7 +69,8 @@ class SettledChoices:
             (settled.get(one, one), settled.get(other, other)) for one, other in configuration.inversions
         )
         names = tuple(sorted(configuration.binding))
-        place = taken, dead, closed, broken, unfit, owing, configuration.broken
+        absent = configuration.ended, configuration.unanswered, configuration.decided
+        place = taken, dead, closed, broken, unfit, owing, configuration.broken, *absent
         return (place, names, mask_of(-1 - one for one in settled.values())), bool(settled)
 
     def number(self, last: Witness | None) -> int:

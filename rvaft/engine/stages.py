@@ -74,8 +74,7 @@ class Stage:
     def configuration(self, binding: dict[str, Json], last: Witness | None) -> Configuration:
         """Return the partial match with these values and steps."""
         one = self.sample
-        derived = one.inversions, one.flags, one.tallies, one.unfit, one.owing, one.broken
-        return Configuration(one.dead, one.closed, one.taken, binding, *derived, last)
+        return replace(one, binding=binding, witness=last)
 
     def remembered(self, bound: Mapping[str, Json]) -> dict[str, Json]:
         """Return what a partial match of this stage remembers of these values."""
@@ -235,7 +234,8 @@ class Stages:
         return (configuration.place, names), False
 
     def _made(self, sample: Configuration, *, settled: bool) -> Stage:
-        matching, choices, ranks = self.matching, self.choices, Ranking()
+        matching, choices = self.matching, self.choices
+        ranks = Ranking(exact=tuple(sorted(sample.binding)))
         spans, deadlines = tuple[Span, ...](), tuple[TimeDifference, ...]()
         if choices is not None:
             spans = self._spans(sample)

@@ -62,6 +62,9 @@ class Strategy(ABC):
     def forget(self, watermark: int) -> None:  # noqa: B027 (most need not)
         """Set the watermark, the minimum time of later events, and drop what it rules out."""
 
+    def go_on_after(self, earlier: Self) -> None:  # noqa: B027 (most look at no earlier event)
+        """Remember what earlier events of the trace may rule out; this strategy must be new."""
+
     @property
     def until(self) -> float:
         """The greatest time of an event with which those so far can be in a match.

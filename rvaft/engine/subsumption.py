@@ -58,6 +58,7 @@ from rvaft.engine.compiled_tree import Register
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.values import Json, exact, is_number, key
 
@@ -68,6 +69,8 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
     `firsts` are the core parts with the lowest branch of a choice that every scenario makes.
     """
     compiled, flags = matching.compiled, matching.progress.flags
+    if compiled.clauses:  # an absent event may come, or be used by a later occurrence
+        return False
     if after.binding != before.binding or after.closed != before.closed:
         return False
     if any(name not in before.binding for name in compiled.exported[node]):
@@ -237,6 +240,7 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     registers = [compiled.register_of[name] for name in binding if name in compiled.register_of]
     rigid = [name for name in binding if name in compiled.mentions]
     fixed = {name for name in rigid if matching.progress.mentioned(configuration, name)}
+    fixed.update(name for name in binding if name in compiled.absent_with)
     terms: dict[Term, None] = {}
     differing: dict[Guard, list[str]] = {}
     above_watermark = True
@@ -268,7 +272,10 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
                 fixed.add(name)
     for register in registers:
         both = _interval(register)
-        terms.update(dict.fromkeys(both))
+        if matching.is_window(register.node):
+            terms.update(dict.fromkeys(both))
+        for clause in compiled.clauses_of.get(register.node, ()):  # the earlier a deadline, the earlier the verdict
+            terms[both[0] if clause.part.side is Side.AFTER else both[1]] = None
         if matching.early and register.node in compiled.windows and register.node not in compiled.members:
             extents[both] = compiled.windows[register.node]
     for sign, extreme in [*terms]:

@@ -23,6 +23,7 @@ from rvaft.core.property import (
     Property,
     Times,
     Within,
+    Without,
 )
 from rvaft.core.property import Sequence as Ordered
 from rvaft.model.guards import Guard, Operation, Operator, time_points
@@ -211,6 +212,8 @@ def _drafted(prop: Property) -> _Draft:
                 taken.add(whole)
                 if draft is not None:
                     draft.window = duration if draft.window is None else min(duration, draft.window)
+            case Without():
+                raise _NotApart
             case _:
                 raise AssertionError("a window has one part")
     root = made[prop.root]

@@ -23,11 +23,13 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
+    Without,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.expressions import PLAIN, Style, event_text, guard_text
+from rvaft.model.expressions import PLAIN, Style, event_text, guard_text, without_text
 from rvaft.model.guards import Guard, time_points
 from rvaft.model.nodes import Causality, Node
+from rvaft.model.nodes import Without as Absent
 
 DEFAULT_LIMIT: Final = 100_000
 
@@ -69,6 +71,14 @@ class Window:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Lacking:
+    """A part with an event that must be absent."""
+
+    part: "Formula"
+    clause: Absent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Named:
     """A part whose start or end a guard refers to."""
 
@@ -76,7 +86,7 @@ class Named:
     name: str
 
 
-Formula: TypeAlias = Leaf | Joined | Window | Named
+Formula: TypeAlias = Leaf | Joined | Window | Lacking | Named
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +106,8 @@ class Notation:
     condition: Callable[[str], str] = "[{}]".format
     whole: frozenset[Join] = frozenset({Join.SEQUENCE})
     """The joins without brackets at the top level."""
+    brackets: tuple[str, str] = ("(", ") ")
+    """Around a part with an absent event."""
 
 
 def formula(prop: Property) -> Formula:
@@ -150,6 +162,8 @@ class _Writer:
                 return _joined(Join.ENDS, inside)
             case Within(duration=duration):
                 return Window(inside[0], duration)
+            case Without(source=source, number=number):
+                return Lacking(inside[0], self._nodes[source.node].without[number - 1])
             case _:
                 assert_never(part)
 
@@ -243,6 +257,9 @@ def breakable(term: Formula, notation: Notation, *, limit: int = DEFAULT_LIMIT) 
                 continue
             case (Window(part, within), _):
                 todo += [notation.window[1].format(style.duration(within)), (part, None), notation.window[0]]
+                continue
+            case (Lacking(part, clause), _):
+                todo += [f"{notation.brackets[1]}{without_text(clause, style)}", (part, None), notation.brackets[0]]
                 continue
             case (Joined(join, parts, threshold), around):
                 between = [notation.joins[join], None] if join is Join.AT_LEAST else [None, notation.joins[join]]

@@ -13,7 +13,7 @@ from rvaft.export.layout import turn
 from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.expressions import WORD, bare_value, guard_text
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, walk
-from rvaft.model.nodes import Causality, Gate, Node
+from rvaft.model.nodes import Causality, Gate, Node, Without
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -38,7 +38,7 @@ def json_text(tree: RVAFT) -> str:
         "time": time_json(tree.time),
         "nodes": [
             _record(node, "name gate threshold children on times when within kind label attributes")
-            | {"condition": condition_json(node.when)}
+            | {"condition": condition_json(node.when), "without": [*map(_absent, node.without)]}
             for node in tree.nodes.values()
         ],
         "events": [_record(event, "name parameters pattern") for event in tree.events.values()],
@@ -50,6 +50,10 @@ def json_text(tree: RVAFT) -> str:
         characters = map(chr, range(sys.maxunicode + 1))
         value["lowercase"] = {one: one.lower() for one in characters if one.lower() != one}
     return readable_json(value, indent=2) + "\n"
+
+
+def _absent(clause: Without) -> dict[str, Any]:
+    return _record(clause, "on when side duration") | {"condition": condition_json(clause.when)}
 
 
 def _record(thing: object, names: str) -> dict[str, Any]:
@@ -131,6 +135,7 @@ def losses(tree: RVAFT) -> Iterator[str]:
         (sum(node.on is not None for node in nodes), "runtime event{} left out"),
         (sum(node.times > 1 for node in nodes), "number{} of events (times) left out"),
         (sum(node.within is not None for node in nodes), "window{} (within) left out"),
+        (sum(len(node.without) for node in nodes), "absent event{} (without) left out"),
         (sum(node.when is not None for node in nodes), "guard{} left out"),
         (sum(node.kind is not None for node in nodes), "fault or attack mark{} left out"),
         (sum(node.label is not None for node in nodes), "label{} left out"),

@@ -93,6 +93,7 @@ def _duration(nanoseconds: int) -> str:
 STYLE: Final = Style(
     *(name, name, name),
     _constant,
+    r"\ \text{{{}}}\ ".format,
     r"\_",
     SIGNS
     | {

@@ -16,7 +16,7 @@ from typing import Final, NamedTuple, assert_never
 from rvaft.core.branches import branch as branch_of
 from rvaft.errors import OptionError
 from rvaft.model.event_time import duration_text
-from rvaft.model.expressions import guard_text, on_text
+from rvaft.model.expressions import guard_text, on_text, without_text
 from rvaft.model.guards import COMPARISONS
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, reachable
@@ -246,6 +246,8 @@ def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
         yield Role.GUARD, wrapped_code(f"when {guard_text(node.when)}", code_width)
     if node.within is not None:
         yield Role.GUARD, [_window(node)]
+    for clause in node.without if look.events else ():
+        yield Role.GUARD, wrapped_code(without_text(clause), code_width)
     for place, part in enumerate(look.marks.notes.get(node.name, ()) if look.marks else ()):
         yield Role.PLAIN if place else Role.BOLD, wrapped(part, width)
 
@@ -266,6 +268,7 @@ def node_line(node: Node, *, events: bool = True) -> str:
         f"[{node.kind.value}]" if node.kind else "",
         f"on {on_text(node.on)} {_number(node)}".rstrip() if node.on and events else _number(node),
         f"when {guard_text(node.when)}" if node.when is not None and events else "",
+        *(without_text(clause) for clause in node.without if events),
         readable_json(node.label) if node.label else "",
     ]
     return visible("  ".join(filter(None, parts)))

@@ -30,7 +30,7 @@ from rvaft.model.guards import (
     TimePoint,
     time_points,
 )
-from rvaft.model.nodes import Assumption, Causality, EventType, Ignore, Kind, On, Place, ValueType
+from rvaft.model.nodes import Assumption, Causality, EventType, Ignore, Kind, On, Place, Side, ValueType, Without
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar, has_surrogate, is_number
 from rvaft.model.verdict import Semantics
@@ -387,6 +387,19 @@ class Build(Transformer[Token, Any]):
 
     def within(self, items: Items) -> Clause:
         return Clause("withins", items[0], self.duration(items[1:]).value.value)
+
+    def without(self, items: Items) -> Clause:
+        token, (_, on), when, guard, _, duration, side = items
+        condition = None if guard is None else self._condition(guard, when)
+        if time_points(condition):
+            raise Slip("the guard of a `without` applies to one event and cannot use time points of nodes", when)
+        if duration is not None and side is None:
+            raise Slip("say where no such event may be: `for 5 s after` or `for 5 s before`", duration)
+        if duration is None and side == Side.AFTER:
+            raise Slip("`after` needs a duration, as in `for 5 s after`: a log never says that nothing will come", side)
+        length = None if duration is None else self.duration([duration]).value.value
+        found = Without(on, condition, Side.DURING if side is None else Side(side), length)
+        return Clause("withouts", token, found)
 
     def kind(self, items: Items) -> Clause:
         return Clause("kinds", items[0], Kind(items[0]))

@@ -13,7 +13,20 @@ from typing import Final, Generic, NamedTuple, TypeVar, assert_never
 from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard
-from rvaft.model.nodes import Assumption, Causality, EventType, Gate, Ignore, Kind, Node, On, Place, Topic, absolute
+from rvaft.model.nodes import (
+    Assumption,
+    Causality,
+    EventType,
+    Gate,
+    Ignore,
+    Kind,
+    Node,
+    On,
+    Place,
+    Topic,
+    Without,
+    absolute,
+)
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 
@@ -121,6 +134,7 @@ class DraftNode:
     labels: list[Located[str]] = field(default_factory=list)
     counts: list[Located[int]] = field(default_factory=list)
     withins: list[Located[int]] = field(default_factory=list)
+    withouts: list[Located[Without]] = field(default_factory=list)
     attributes: list[Located[tuple[str, str]]] = field(default_factory=list)
 
     @property
@@ -154,6 +168,7 @@ class DraftNode:
             tuple([attribute.value for attribute in self.attributes]),
             _first(self.counts) or 1,
             _first(self.withins),
+            tuple([replace(clause, place=place) for clause, place in self.withouts]),
             places=places,
         )
 

@@ -15,6 +15,7 @@ from rvaft.model.expressions import (
     quoted,
     time_text,
     value_text,
+    without_text,
     word_text,
 )
 from rvaft.model.guards import Guard
@@ -96,9 +97,10 @@ def _node_cells(node: Node) -> list[str]:
         gate = " ".join([word, *(name_text(child) for child in node.children), *within])
     tail = f"on {on_text(node.on)}" if node.on is not None else ""
     tail = f"{tail} times {node.times}".lstrip() if node.times > 1 else tail
+    tail += _when(node.when) + "".join(f" {without_text(clause)}" for clause in node.without)
     attributes = " ".join(f"{word_text(key)}={value_text(value)}" for key, value in node.attributes)
     label = f"label {quoted(node.label)}" if node.label is not None else ""
-    return [name_text(node.name), gate, node.kind or "", (tail + _when(node.when)).lstrip(), attributes, label]
+    return [name_text(node.name), gate, node.kind or "", tail.lstrip(), attributes, label]
 
 
 def _aligned(rows: Iterable[list[str]]) -> list[str]:

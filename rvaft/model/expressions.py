@@ -19,7 +19,7 @@ from rvaft.model.guards import (
     Operator,
     TimePoint,
 )
-from rvaft.model.nodes import Argument, Assumption, Gate, Node, On
+from rvaft.model.nodes import Argument, Assumption, Gate, Node, On, Side, Without
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar, has_surrogate
 from rvaft.support.terminal import readable_json
@@ -29,7 +29,7 @@ TOPIC: Final = "topic"
 """A keyword only before a string, `type` and a string; otherwise a possible name of a node."""
 GATES: Final = tuple(gate.value for gate in Gate if not gate.counts)
 """The gates that are written as a word, all but votes."""
-CLAUSES: Final = ("on", "when", "fault", "attack", "label", "times", "within")
+CLAUSES: Final = ("on", "when", "fault", "attack", "label", "times", "within", "without")
 OPERATOR_WORDS: Final = ("and", "or", "not")
 DYNAMIC: Final = frozenset(
     {"xor", "nor", "nand", "not", "por", "pxor", "sor", "seq", "mutex", "inhibit"}
@@ -131,6 +131,8 @@ class Style:
     event: Callable[[str], str] = word_text
     variable: Callable[[str], str] = str
     literal: Callable[[Scalar], str] = literal_text
+    word: Callable[[str], str] = " {}".format
+    """A word after an event: ` without`."""
     anything: str = "_"
     """The argument that matches any value."""
     signs: Mapping[Operator, str] = field(default_factory=SIGNS.copy)
@@ -151,6 +153,14 @@ class Style:
 SUM_LEVEL: Final = OPERATORS[Operator.ADD].level
 SIGNED_LEVEL: Final = OPERATORS[Operator.NEGATE].level
 PLAIN: Final = Style()
+
+
+def without_text(clause: Without, style: Style = PLAIN) -> str:
+    """Return a `without` as the language writes it: `without beat(Robot) for 2 s after`."""
+    when = "" if clause.when is None else f"{style.word('when')} {guard_text(clause.when, style)}"
+    duration = "" if clause.duration is None else f"{style.word('for')} {style.duration(clause.duration)}"
+    side = "" if clause.side is Side.DURING else style.word(clause.side)
+    return f"{style.word('without').lstrip()} {on_text(clause.on, style)}{when}{duration}{side}"
 
 
 def on_text(on: On, style: Style = PLAIN) -> str:

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.errors import OptionError, TreeError, WrongType
 from rvaft.model.guards import Guard, Operation
+from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
 from rvaft.support.terminal import visible
 
@@ -148,6 +149,43 @@ class On:
         return tuple([argument.name for argument in self.arguments if isinstance(argument, Variable)])
 
 
+class Side(StrEnum):
+    """Where the events of a `without` are looked for, relative to the events of a node's part."""
+
+    DURING = "during"
+    AFTER = "after"
+    BEFORE = "before"
+
+
+@dataclass(frozen=True, slots=True)
+class Without:
+    """`without on [when guard] [[for D] after | before]`: no such event (semantics, section 1.5).
+
+    `duration` is the D in nanoseconds; only BEFORE may have none, and DURING has none. A variable
+    that no node's event binds is local.
+
+    >>> import rvaft
+    >>> tree = rvaft.loads("event beat() = { beat: 1 }; time t as s; lost on beat() without beat() for 2 s after;")
+    >>> [(clause.side.value, clause.duration) for clause in tree.nodes["lost"].without]
+    [('after', 2000000000)]
+    """
+
+    on: On
+    when: Guard | None = None
+    side: Side = Side.DURING
+    duration: int | None = None
+    place: Place = field(default=Place(), compare=False)
+
+    def __post_init__(self) -> None:
+        if self.side.__class__ is not Side:
+            object.__setattr__(self, "side", Side(self.side))
+
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """The variables of the event and the guard, each once."""
+        return tuple(dict.fromkeys((*self.on.variables, *guard_variables(self.when))))
+
+
 @dataclass(frozen=True, slots=True)
 class Ignore:
     """`ignore on when guard;`: such events are never relevant; the variables are local.
@@ -187,7 +225,8 @@ class Topic:
 class Node:
     """One node of a tree; `threshold` is the K of a VOT gate.
 
-    `times` is the number of events of a leaf, `within` the window of a gate in nanoseconds.
+    `times` is the number of events of a leaf, `within` the window of a gate in nanoseconds, and
+    `without` has the events that must be absent.
     `declared` is False for a child without a statement. `places` has the positions of `name`,
     `gate`, `on`, `when`, `kind` and `label`. A gate and a kind may be strings, and the children a
     list.
@@ -209,6 +248,7 @@ class Node:
     attributes: tuple[tuple[str, str], ...] = ()
     times: int = 1
     within: int | None = None
+    without: tuple[Without, ...] = ()
     declared: bool = field(default=True, compare=False)
     places: Mapping[str, Place] = field(default_factory=dict, compare=False, hash=False, repr=False)
 
@@ -231,6 +271,11 @@ class Node:
             object.__setattr__(self, "children", tuple(self.children))
         for child in self.children:
             expect("a child of {}", child, str, "the name of a node, a str")
+        if self.without.__class__ is not tuple:
+            expect("the absent events (`without`) of {}", self.without, list, "a tuple of Without")
+            object.__setattr__(self, "without", tuple(self.without))
+        for clause in self.without:
+            expect("an absent event (`without`) of {}", clause, Without, "a Without")
         for what, stated, kind, expected in (
             ("the threshold of {}", self.threshold, int, "an int"),
             ("how many events {} observes (`times`)", self.times, int, "an int"),

@@ -14,7 +14,20 @@ from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Assumption, Causality, EventType, Ignore, Kind, Node, On, Relevant, Topic, by_name
+from rvaft.model.nodes import (
+    Assumption,
+    Causality,
+    EventType,
+    Ignore,
+    Kind,
+    Node,
+    On,
+    Relevant,
+    Side,
+    Topic,
+    Without,
+    by_name,
+)
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.verdict import Semantics
@@ -97,6 +110,8 @@ class RVAFT:
                     raise TreeError(message, rule="unbound-time", nodes=[node.name])
             if node.on is not None:
                 _check_call(node.on, self.events, [node.name])
+            for clause in node.without:
+                _check_call(clause.on, self.events, [node.name])
         for ignore in self.ignores:
             _check_call(ignore.on, self.events, [])
         for name in self.shows if part_of is None else ():
@@ -218,6 +233,11 @@ class RVAFT:
         names = (v for name in self.occurrences for v in pattern_variables(self._patterns[name] or Anything()))
         return tuple(dict.fromkeys(name for name in names if not name.startswith("_")))
 
+    def own_variables(self, clause: Without) -> frozenset[str]:
+        """Return the variables of a `without` that no node's event binds: they are local to it."""
+        tree = self if self.part_of is None else self.part_of.tree
+        return frozenset(clause.variables).difference(tree.variables)
+
     def _repr_svg_(self) -> str | None:
         return type(self).notebook_svg(self)
 
@@ -322,6 +342,11 @@ def _check_node(node: Node, nodes: Mapping[str, Node]) -> None:
     if node.times < 1 or (node.times > 1 and not (node.leaf and node.has_event)):
         message = f"{name}: `times {node.times}` requires a leaf with an event, and a number of at least 1"
         raise TreeError(message, rule="times", nodes=[name])
+    for clause in node.without:
+        side, length = clause.side, clause.duration
+        if (length is None and side is Side.AFTER) or (length is not None and (side is Side.DURING or length < 0)):
+            message = f"{name}: `without` has a duration, of at least 0 s, with `after` and perhaps with `before`"
+            raise TreeError(message, rule="without", nodes=[name])
     if node.within is not None and (node.within < 0 or node.leaf):
         message = f"{name}: `within` requires a gate, and a duration of at least 0 s"
         raise TreeError(message, rule="within", nodes=[name])

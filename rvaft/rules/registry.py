@@ -16,7 +16,7 @@ from rvaft.errors import RvaftError, TreeError
 from rvaft.language.draft import Draft
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
-from rvaft.rules import scenarios, structure, times, types
+from rvaft.rules import absences, scenarios, structure, times, types
 from rvaft.rules.rule import Finding, Rule, Severity
 from rvaft.support.budget import DEFAULT_LIMIT, Undecided
 
@@ -29,6 +29,7 @@ DRAFT_RULES: Final = (
     Rule("unknown-child", Severity.ERROR, lambda _: ()),
     Rule("times", Severity.ERROR, structure.times),
     Rule("within", Severity.ERROR, structure.within),
+    Rule("without", Severity.ERROR, absences.without),
     Rule("unbound-time", Severity.ERROR, structure.unknown_time),
     Rule("no-root", Severity.ERROR, structure.no_root),
     Rule("cycle", Severity.ERROR, structure.cycle),
@@ -53,6 +54,7 @@ TREE_RULES: Final = (
     Rule("silent-scenario", Severity.ERROR, scenarios.silent_scenario),
     Rule("infeasible-scenario", Severity.WARNING, scenarios.infeasible_scenario),
     Rule("unbound-variable", Severity.ERROR, scenarios.unbound_variable),
+    Rule("unbound-absence", Severity.ERROR, absences.unbound_absence),
     Rule("no-time", Severity.ERROR, times.no_time),
     Rule("unbound-time", Severity.ERROR, times.unbound_time),
     Rule("variable-once", Severity.WARNING, structure.variable_once),

@@ -189,6 +189,8 @@ def unused_parameter(draft: Draft) -> Iterator[RuleReport]:
 
 def _calls(draft: Draft) -> Iterator[tuple[On, Place, tuple[str, ...]]]:
     yield from ((on, place, (node.name,)) for node in draft.nodes.values() for on, place in node.ons)
+    calls = ((node, clause, place) for node in draft.nodes.values() for clause, place in node.withouts)
+    yield from ((clause.on, place, (node.name,)) for node, clause, place in calls)
     yield from ((ignore.on, ignore.place, ()) for ignore in draft.ignores)
 
 
@@ -246,6 +248,10 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
             where.setdefault(name, (node.place("on"), name, (node.name,)))
         uses.update(own * min(node.times, 2))
         uses.update(guard_variables(node.when))
+        for clause in node.without:
+            uses.update((*clause.on.variables, *guard_variables(clause.when)))
+            for name in clause.on.variables:
+                where.setdefault(name, (clause.place, name, (node.name,)))
     once = [found for name, found in where.items() if uses[name] == 1 and name not in tree.shows]
     for ignore in tree.ignores:
         inside = Counter([*ignore.on.variables, *guard_variables(ignore.when)])

@@ -24,12 +24,13 @@ def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:
         mend = "write `year 2026` after it, or give the year with --year (from Python, `year`)"
         yield RuleReport(time.place, f"{problem}; {mend}")
     for node in space.tree.top_down() if space.tree.time is None else ():
-        for part in dict.fromkeys(part for part, _ in _points(node)):
+        timed = ["without"] if any(clause.duration is not None for clause in node.without) else []
+        for part in dict.fromkeys([*(part for part, _ in _points(node)), *timed]):
             problem = f"the {_WORDS[part]} of {node.name} uses times, but the tree has no `time` declaration"
             yield RuleReport(node.place(part), f"{problem}; add one, as in `time timestamp as iso8601;`", (node.name,))
 
 
-_WORDS: Final = {"when": "guard", "within": "window"}
+_WORDS: Final = {"when": "guard", "within": "window", "without": "absent event"}
 
 
 def _points(node: Node) -> list[tuple[str, TimePoint]]:

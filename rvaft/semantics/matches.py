@@ -8,7 +8,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.semantics.events import Binding, observe, time_of
-from rvaft.semantics.reference import Partial, chosen_scenarios, guards_hold, relevant
+from rvaft.semantics.reference import Observed, Partial, chosen_scenarios, decided, guards_hold, relevant, unbroken
 from rvaft.semantics.scenarios import Scenario
 
 Match = frozenset[tuple[str, int]]
@@ -36,25 +36,32 @@ def matches(
     [[('a', 1), ('b', 3)], [('a', 2), ('b', 3)]]
     """
     found, left = set[Match](), limit
+    late, numbered = _late(tree, trace), enumerate(trace, 1)
+    past = [Observed(event, time_of(tree.time, event), position in late) for position, event in numbered]
     for scenario in chosen_scenarios(tree, branch, kind) if scenarios is None else scenarios:
         for positions in _windows(tree, semantics, trace, len(scenario.occurrences)):
-            for match, tried in _served(scenario, trace, positions, left):
+            for match, tried in _served(scenario, trace, positions, past, left):
                 left -= tried
                 if match is not None:
                     found.add(match)
     return frozenset(found)
 
 
-def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int) -> Iterator[Sequence[int]]:
-    """Clause: which positions a match may use; late events are never among them."""
-    every, late = [*range(1, len(trace) + 1)], set[int]()
+def _late(tree: RVAFT, trace: Sequence[Any]) -> set[int]:
+    late = set[int]()
     greatest: int | None = None
-    for position in every:
-        time = time_of(tree.time, trace[position - 1])
+    for position, event in enumerate(trace, 1):
+        time = time_of(tree.time, event)
         if time is not None and tree.time is not None and tree.time.late is not None:
             if greatest is not None and greatest - time > tree.time.late:
                 late.add(position)
             greatest = time if greatest is None else max(time, greatest)
+    return late
+
+
+def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int) -> Iterator[Sequence[int]]:
+    """Clause: which positions a match may use; late events are never among them."""
+    every, late = [*range(1, len(trace) + 1)], _late(tree, trace)
     in_time = [position for position in every if position not in late]
     counted = [position for position in in_time if semantics.projects and relevant(tree, trace[position - 1])]
     match semantics:
@@ -70,7 +77,7 @@ def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int)
 
 
 def _served(
-    scenario: Scenario, trace: Sequence[Any], positions: Sequence[int], limit: int
+    scenario: Scenario, trace: Sequence[Any], positions: Sequence[int], past: Sequence[Observed], limit: int
 ) -> Iterator[tuple[Match | None, int]]:
     """Iterate over the matches, each with the number of events tried since the last match.
 
@@ -85,7 +92,10 @@ def _served(
             place = dict(zip(names, taken, strict=True))
             in_order = any(all(place[a] < place[b] for b in names for a in order[b]) for order in scenario.orders)
             times = {name: time_of(scenario.tree.time, trace[position - 1]) for name, position in place.items()}
-            if in_order and guards_hold(scenario, Partial(0, 0, scenario.occurrences, binding, times)):
+            indices = {name: position - 1 for name, position in place.items()}
+            match = Partial(0, 0, scenario.occurrences, binding, times, indices)
+            unhurt = in_order and guards_hold(scenario, match)
+            if unhurt and unbroken(scenario, match, past) and decided(scenario, match, past):
                 yield frozenset((scenario.observing[name].name, position) for name, position in place.items()), tried
                 limit, tried = limit - tried, 0
             continue

@@ -4,7 +4,9 @@ It imports only the parts of a property from `rvaft.core`. Tests compare the bui
 every pass with it.
 """
 
+import json
 from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Sequence as Sequences
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, combinations, pairwise, product
@@ -22,8 +24,10 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
+    Without,
 )
 from rvaft.model.guards import TimePoint, walk
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
@@ -137,6 +141,11 @@ class _Scenario:
         whole = self.prop.wholes.get(Source(point.node, point.number))
         return frozenset() if whole is None or whole not in self.kept else frozenset(self.below(whole))
 
+    @cached_property
+    def absences(self) -> list[tuple[Without, frozenset[Occurrence]]]:
+        """The absent events, each with the events of its part."""
+        return [(part, frozenset(self.below(part))) for part in self.kept if isinstance(part, Without)]
+
     @property
     def feasible(self) -> bool:
         """Whether it has an order, and every guard without variables and time points holds."""
@@ -168,16 +177,61 @@ def _extreme(point: str, times: list[int | None]) -> int | None:
     return max(defined) if point == "end" else min(defined)
 
 
+class _Read(NamedTuple):
+    """One event of the trace, or None where only time has passed."""
+
+    event: Any
+    time: int | None
+    late: bool
+
+
+class _Absence(NamedTuple):
+    """An absent event in a match: the indices of the first and last event of its part, and their times.
+
+    `last` is None while events of the part are lacking.
+    """
+
+    clause: Without
+    first: int
+    last: int | None
+    times: list[int]
+    timed: bool
+
+    @property
+    def length(self) -> int:
+        return self.clause.duration or 0
+
+    def decision(self, past: Sequences[_Read], late: int) -> int | None:
+        """Return the index of the event that decides `after`."""
+        if self.last is None or not self.times:
+            return None
+        limit = max(self.times) + self.length + late
+        later = ((number, one.time) for number, one in enumerate(past) if number > self.last)
+        return next((number for number, time in later if time is not None and time > limit), None)
+
+    def covers(self, number: int, time: int | None, decision: int | None) -> bool:
+        """Whether a matching event at this place breaks it."""
+        side, timed = self.clause.side, time is not None and bool(self.times)
+        if side is Side.DURING:
+            return number > self.first and (self.last is None or number < self.last)
+        if side is Side.AFTER:
+            waits = self.last is not None and number > self.last and (decision is None or number < decision)
+            return waits and timed and time is not None and time - max(self.times) <= self.length
+        near = timed and time is not None and min(self.times) - time <= self.length
+        return number < self.first and (self.clause.duration is None or near)
+
+
 class _Partial(NamedTuple):
     scenario: int
     order: int
     binding: Binding
     times: Mapping[Occurrence, int | None]
+    places: Mapping[Occurrence, int] = {}
 
     @property
     def key(self) -> Hashable:
         values = frozenset((name, value_key(value)) for name, value in self.binding.items())
-        return self.scenario, self.order, values, frozenset(self.times.items())
+        return self.scenario, self.order, values, frozenset(self.times.items()), frozenset(self.places.items())
 
 
 class PropertyReference(Monitor):
@@ -196,22 +250,61 @@ class PropertyReference(Monitor):
         ]
         self._partials = {partial.key: partial for partial in self._starts}
         self._latest: int | None = None
+        self._past: tuple[_Read, ...] = ()
 
     @property
     def state(self) -> Hashable:
-        """The verdict, the partial matches and the maximum time so far."""
-        return self.verdict, frozenset(self._partials), self._latest
+        """The verdict, the partial matches, the maximum time so far, and the events that may matter."""
+        return self.verdict, frozenset(self._partials), self._latest, json.dumps(self._past)
 
     def _advance(self, event: Any) -> Verdict:
         time = time_of(self.prop.time, event)
         late = self._is_late(time)
         found = {partial.key: partial for partial in self._after(event, time, late=late)}
-        if any(len(one.times) == len(self.scenarios[one.scenario].patterns) for one in found.values()):
+        if self.prop.absences:
+            self._past = (*self._past, _Read(event, time, late))
+            found = {key: partial for key, partial in found.items() if self._unbroken(partial)}
+        if any(self._is_whole(one) and self._decided(one) for one in found.values()):
             self._partials = {}
             return Verdict.TRUE
         self._partials = found
         lasting = self.semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
         return Verdict.UNKNOWN if found or lasting else Verdict.FALSE
+
+    def _is_whole(self, partial: _Partial) -> bool:
+        return len(partial.times) == len(self.scenarios[partial.scenario].patterns)
+
+    def _absences(self, partial: _Partial) -> Iterator[_Absence]:
+        for clause, events in self.scenarios[partial.scenario].absences:
+            there = sorted(partial.places[event] for event in events if event in partial.places)
+            times = [partial.times[event] for event in events if event in partial.times]
+            if there:
+                defined = [time for time in times if time is not None]
+                last = there[-1] if len(there) == len(events) else None
+                yield _Absence(clause, there[0], last, defined, len(defined) == len(times))
+
+    def _unbroken(self, partial: _Partial) -> bool:
+        used = set(partial.places.values())
+        for absence in self._absences(partial):
+            if absence.clause.duration is not None and absence.last is not None and not absence.timed:
+                return False
+            end = absence.decision(self._past, self._lateness)
+            for number, (event, time, late) in enumerate(self._past):
+                if not late and number not in used and absence.covers(number, time, end):
+                    clause = absence.clause
+                    ways = matches(clause.pattern, event, partial.binding, {})
+                    if any(clause.guard is None or holds(clause.guard, way) for way in ways):
+                        return False
+        return True
+
+    def _decided(self, partial: _Partial) -> bool:
+        after = (one for one in self._absences(partial) if one.clause.side is Side.AFTER)
+        return all(one.decision(self._past, self._lateness) is not None for one in after)
+
+    @property
+    def _lateness(self) -> int:
+        time = self.prop.time
+        return 0 if time is None else time.late or 0
 
     def _is_late(self, time: int | None) -> bool:
         allowed, greatest = self.prop.time.late if self.prop.time else None, self._latest
@@ -226,7 +319,7 @@ class PropertyReference(Monitor):
             takes = takes and self._relevant(event)
         skips = self.semantics is Semantics.SCATTERED or (self.semantics is not Semantics.STRICT and not takes)
         for partial in self._partials.values():
-            if skips:
+            if skips or (self.prop.absences and self._is_whole(partial)):
                 yield partial
             if takes:
                 yield from self._extended(partial, event, time)
@@ -242,7 +335,8 @@ class PropertyReference(Monitor):
             for found in matches(scenario.patterns[one], event, partial.binding, {}):
                 binding = {name: value for name, value in found.items() if not name.startswith("_")}
                 if scenario.allows(binding, times):
-                    yield _Partial(partial.scenario, partial.order, binding, times)
+                    places = {**partial.places, one: len(self._past)} if self.prop.absences else {}
+                    yield _Partial(partial.scenario, partial.order, binding, times, places)
 
     def _relevant(self, event: Any) -> bool:
         for pattern, when in self.prop.ignored:

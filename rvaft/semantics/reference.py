@@ -1,10 +1,12 @@
 """Detection and verdicts (definition, sections 3 and 4)."""
 
-from collections.abc import Hashable, Iterator, Mapping
-from typing import Any, NamedTuple
+import json
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, Self
 
 from rvaft.errors import TreeError
-from rvaft.model.nodes import Kind, Relevant
+from rvaft.model.nodes import Kind, Relevant, Side, Without
+from rvaft.model.patterns import Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
@@ -15,7 +17,8 @@ from rvaft.semantics.scenarios import Resolution, Scenario, branches, feasible_s
 class Partial(NamedTuple):
     """A downward-closed set of a scenario's occurrences, in one of its orders, with their bindings.
 
-    `times` are the times of their events, None if undefined.
+    `times` are the times of their events, None if undefined, and `places` the indices of their events
+    in the `Past` (if the scenario has absent events).
     """
 
     scenario: int
@@ -23,12 +26,22 @@ class Partial(NamedTuple):
     assigned: frozenset[str]
     binding: Binding
     times: Mapping[str, int | None]
+    places: Mapping[str, int] = {}
 
     @property
     def key(self) -> Hashable:
         """A hashable key, equal for equal partial matches."""
         values = frozenset((name, value_key(value)) for name, value in self.binding.items())
-        return self.scenario, self.order, self.assigned, values, frozenset(self.times.items())
+        times, places = frozenset(self.times.items()), frozenset(self.places.items())
+        return self.scenario, self.order, self.assigned, values, times, places
+
+
+class Observed(NamedTuple):
+    """One event of the trace, or None where only time has passed; its time, and whether it is late."""
+
+    event: Any
+    time: int | None
+    late: bool
 
 
 class Reference(Monitor):
@@ -57,11 +70,32 @@ class Reference(Monitor):
         self._starts = [Partial(scenario, order, frozenset(), {}, {}) for scenario, order in numbers]
         self._partials = {partial.key: partial for partial in self._starts}
         self._latest: int | None = None
+        self._past: tuple[Observed, ...] = ()
+        """All events of the trace, if the tree has absent events."""
+        self._absences = any(node.without for scenario in self.scenarios for node in scenario.nodes)
 
     @property
     def state(self) -> Hashable:
         """The verdict, the partial matches and the maximum time so far."""
-        return self.verdict, frozenset(self._partials), self._latest
+        return self.verdict, frozenset(self._partials), self._latest, json.dumps(self._past)
+
+    def go_on_after(self, earlier: Self) -> None:
+        """Clause: lateness and `before` look at the whole trace."""
+        super().go_on_after(earlier)
+        self._latest, self._past = earlier._latest, earlier._past
+
+    def pass_time(self, time: int) -> Verdict:
+        """Clause: a live monitor may be told that time has passed: as an irrelevant event of that time."""
+        if self.verdict is Verdict.UNKNOWN:
+            self._is_late(time)
+            self._verdict = self._after_event(dict(self._partials), Observed(None, time, late=False))
+        return self.verdict
+
+    def finish(self) -> Verdict:
+        """Clause: after the end of the trace every `after` is decided."""
+        if self.verdict is Verdict.UNKNOWN and any(self._is_whole(partial) for partial in self._partials.values()):
+            self._verdict = Verdict.TRUE
+        return self.verdict
 
     def _advance(self, event: Any) -> Verdict:
         """Clauses: *true*: some prefix contains a match. *false*: not true, and no partial match is
@@ -70,6 +104,13 @@ class Reference(Monitor):
         time = time_of(self.tree.time, event)
         late = self._is_late(time)
         found = {partial.key: partial for partial in self._after(event, time, late=late)}
+        return self._after_event(found, Observed(event, time, late))
+
+    def _after_event(self, found: dict[Hashable, Partial], last: Observed) -> Verdict:
+        if self._absences:
+            self._past = (*self._past, last)
+            whole = [(key, one, self.scenarios[one.scenario]) for key, one in found.items()]
+            found = {key: one for key, one, scenario in whole if unbroken(scenario, one, self._past)}
         if any(self._complete(partial) for partial in found.values()):
             self._partials = {}
             return Verdict.TRUE
@@ -99,7 +140,8 @@ class Reference(Monitor):
                 takes = not late and relevant(self.tree, event)
                 passes = not takes
         for partial in self._partials.values():
-            if passes:
+            # Clause: a complete match that waits for a decision counts as a partial match.
+            if passes or self._is_whole(partial):
                 yield partial
             if takes:
                 yield from self._extended(partial, event, time)
@@ -116,7 +158,9 @@ class Reference(Monitor):
             if before[occurrence] <= partial.assigned:
                 for binding in observe(self.tree, scenario.observing[occurrence], event, partial.binding):
                     times = {**partial.times, occurrence: time} if scenario.points else {}
-                    found = partial._replace(assigned=partial.assigned | {occurrence}, binding=binding, times=times)
+                    places = {**partial.places, occurrence: len(self._past)} if self._absences else {}
+                    assigned = partial.assigned | {occurrence}
+                    found = partial._replace(assigned=assigned, binding=binding, times=times, places=places)
                     if guards_hold(scenario, found):
                         yield found
 
@@ -124,6 +168,10 @@ class Reference(Monitor):
         """Clause: a match maps all its occurrences. Every guard holds, since all its variables are
         known.
         """
+        scenario = self.scenarios[partial.scenario]
+        return self._is_whole(partial) and decided(scenario, partial, self._past)
+
+    def _is_whole(self, partial: Partial) -> bool:
         return partial.assigned == self.scenarios[partial.scenario].occurrences
 
 
@@ -147,6 +195,75 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
             if start is None or end is None or end - start > node.within:
                 return False
     return True
+
+
+def unbroken(scenario: Scenario, partial: Partial, past: Sequence[Observed]) -> bool:
+    """Return whether no position breaks a `without`, as far as the events of its part are there.
+
+    Clause: a position breaks the clause if the match does not use it, its event is not late, matches,
+    and the guard holds, under the assignment of the match extended to the clause's own variables.
+    Clause: with an undefined time of the part, a clause with a duration does not hold.
+    """
+    for clause, events in _clauses(scenario):
+        places = [partial.places[event] for event in events & partial.assigned]
+        if not places:
+            continue
+        first, last, complete = min(places), max(places), events <= partial.assigned
+        times = [time for place in places if (time := past[place].time) is not None]
+        if clause.duration is not None and complete and len(times) < len(places):
+            return False
+        end = decision(scenario, partial, past, clause, events) if complete and clause.side is Side.AFTER else None
+        for place, (event, time, late) in enumerate(past):
+            match clause.side:
+                case Side.DURING:
+                    inside = first < place and (place < last or not complete)
+                case Side.AFTER:
+                    inside = complete and last < place and (end is None or place < end)
+                    inside = inside and time is not None and time <= max(times) + (clause.duration or 0)
+                case Side.BEFORE:
+                    inside = place < first
+                    if clause.duration is not None:
+                        inside = inside and time is not None and any(time >= own - clause.duration for own in times)
+            used = place in partial.places.values()
+            if inside and not late and not used and _matches(scenario.tree, clause, event, partial.binding):
+                return False
+    return True
+
+
+def _matches(tree: RVAFT, clause: Without, event: Any, binding: Binding) -> bool:
+    if event is None:
+        return False
+    found = matches(tree.events[clause.on.event].pattern, event, binding, arguments(tree, clause.on))
+    return any(clause.when is None or holds(clause.when, one) for one in found)
+
+
+def decided(scenario: Scenario, partial: Partial, past: Sequence[Observed]) -> bool:
+    """Clause: true needs a match all of whose clauses are decided."""
+    return all(
+        clause.side is not Side.AFTER or decision(scenario, partial, past, clause, events) is not None
+        for clause, events in _clauses(scenario)
+    )
+
+
+def decision(
+    scenario: Scenario, partial: Partial, past: Sequence[Observed], clause: Without, events: frozenset[str]
+) -> int | None:
+    """Return the place that decides `for D after`, or None.
+
+    Clause: the first position after the part whose defined time exceeds end(n) + D + L.
+    """
+    places = [partial.places[event] for event in events]
+    times = [time for place in places if (time := past[place].time) is not None]
+    late = scenario.tree.time.late if scenario.tree.time else None
+    limit = max(times) + (clause.duration or 0) + (late or 0)
+    later = range(max(places) + 1, len(past))
+    return next((place for place in later if (own := past[place].time) is not None and own > limit), None)
+
+
+def _clauses(scenario: Scenario) -> Iterator[tuple[Without, frozenset[str]]]:
+    for node in scenario.nodes:
+        for clause in node.without:
+            yield clause, scenario.events(node.name)
 
 
 def relevant(tree: RVAFT, event: Any) -> bool:
@@ -223,8 +340,33 @@ def _check_scenario(scenario: Scenario) -> None:
         unbound = names(node.when) - scenario.bound - set(scenario.points) if node.when is not None else set()
         if unbound:
             raise TreeError(f"{min(unbound)} is unbound in the guard of {node.name}", rule="unbound-variable")
+    for clause, events in _clauses(scenario):
+        _check_clause(scenario, clause, events)
     if not scenario.occurrences:
         raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario")
+
+
+def _check_clause(scenario: Scenario, clause: Without, events: frozenset[str]) -> None:
+    """Clause: shared variables must be bound when they are needed: without `after` by each occurrence
+    that may come first or one before it, with `after` by an occurrence of the part or one before it.
+    """
+    tree = scenario.tree
+    if not events:
+        raise TreeError("the part of a `without` has no occurrence", rule="unbound-absence")
+    if clause.duration is not None and tree.time is None:
+        raise TreeError("a duration in a tree without `time`", rule="no-time")
+    everywhere = {name for node in tree.nodes.values() if node.name in tree.order for name in bound_by(node)}
+    used = {part.name for part in clause.on.arguments if isinstance(part, Variable)}
+    used |= names(clause.when) if clause.when is not None else set()
+    if not used - everywhere <= {part.name for part in clause.on.arguments if isinstance(part, Variable)}:
+        raise TreeError("no event binds a variable of a `without`", rule="unbound-absence")
+    for order in scenario.orders:
+        first = [{event} for event in events if order[event].isdisjoint(events)]
+        for needed in [set(events)] if clause.side is Side.AFTER else first:
+            there = needed.union(*(order[event] for event in needed))
+            bound = {name for event in there for name in bound_by(scenario.observing[event])}
+            if not (used & everywhere) <= bound:
+                raise TreeError("a variable of a `without` is not bound", rule="unbound-absence")
 
 
 def value_key(value: Any) -> Hashable:

@@ -242,6 +242,8 @@ def _needs(prop: Property, semantics: Semantics) -> Iterator[tuple[Capability, s
             yield type(part), node
         if isinstance(part, Event | Times):
             yield from ((value, node) for value in _values(part.pattern))
+        if isinstance(part, Without):
+            yield from ((need, node) for need in (*_values(part.pattern), *_of_guard(part.guard)))
         if isinstance(part, Condition):
             yield from ((need, node) for need in _of_guard(part.guard))
     yield from ((All, node) for node in guarded)

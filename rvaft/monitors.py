@@ -4,6 +4,7 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Final, NamedTuple, Self, TypeAlias
 
 from rvaft.errors import RvaftError, TooLarge, TraceError
@@ -23,12 +24,33 @@ class MatchedEvent(NamedTuple):
     event: int
 
 
+class Absence(NamedTuple):
+    """An event that did not come: the node with the `without`, and the rest of its text.
+
+    It did not come between two events, by their numbers: `after` is None for the beginning of the trace, and
+    `before` for its end. Of `for D after`, `before` is the event with which D has passed (None if no
+    event told so); of `for D before`, only the last D count.
+
+    >>> import rvaft
+    >>> text = "event e(k) = { k: k }; top sand a b without e(3); a on e(1); b on e(2);"
+    >>> watching = rvaft.monitor(rvaft.loads(text), semantics="scattered")
+    >>> [*watching.run([{"k": 1}, {"k": 2}])][-1].symbol, watching.explanation.absences
+    ('⊤', (Absence(node='top', event='e(3)', after=1, before=2),))
+    """
+
+    node: str
+    event: str
+    after: int | None
+    before: int | None
+
+
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """One match (semantics, section 4), in the branch with the lowest number.
 
     `matched` are its events in order. `branch` is None if the tree has too many branches to count.
     `scenario` maps each node of the scenario to the children that it keeps (empty if unknown).
+    `absences` are the events that had to be absent.
 
     >>> import rvaft
     >>> watching = rvaft.monitor(rvaft.loads("top sand a b;"))
@@ -41,6 +63,7 @@ class Explanation:
     matched: tuple[MatchedEvent, ...]
     variables: Mapping[str, Json]
     scenario: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    absences: tuple[Absence, ...] = ()
 
     @property
     def events(self) -> dict[str, list[int]]:
@@ -166,6 +189,21 @@ class Monitor(ABC):
 
     def expect(self, events: Sequence[Json]) -> None:  # noqa: B027
         """Announce the next events of a finished log, for monitors that read it faster as a whole."""
+
+    def pass_time(self, time: Json | datetime) -> Verdict:  # noqa: ARG002 (a subclass uses it)
+        """Return the verdict after a time has come, without an event.
+
+        `time` is what the time field of an event would have, or a `datetime`. It decides deadlines (`for
+        D after`), and later events may be late by it. Monitors of backends do not look at it.
+        """
+        return self.verdict
+
+    def finish(self) -> Verdict:
+        """Return the verdict after the end of the trace, which decides every `for D after`.
+
+        Monitors of backends do not look at it.
+        """
+        return self.verdict
 
     def fork(self) -> Self:
         """Return an independent monitor in the same state.
@@ -350,6 +388,16 @@ class Repetition(Monitor):
             self.begin_again()
             current = self.current
         return current.step(event)
+
+    def pass_time(self, time: Json | datetime) -> Verdict:
+        """Return the verdict after a time has come."""
+        self.begin_again()
+        return self.current.pass_time(time)
+
+    def finish(self) -> Verdict:
+        """Return the verdict after the end of the trace."""
+        self.begin_again()
+        return self.current.finish()
 
     def fork(self) -> Self:
         """Return an independent monitor in the same state."""

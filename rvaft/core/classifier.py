@@ -314,6 +314,7 @@ class TreeReads:
         own = (
             *(relevant.pattern for relevant in tree.alphabet),
             *(tree.instantiate(ignore.on) for ignore in tree.ignores),
+            *(pattern for _, _, pattern in tree.absences),
         )
         self.patterns: tuple[Pattern, ...] = (*own, *(pattern for one in more for pattern in one.patterns))
         each = [Discriminators(own), *(one.discriminators for one in more)]

@@ -13,21 +13,24 @@ partial matches that used different ones are different.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from heapq import heapify, heappop, heappush
+from itertools import chain
 from typing import Any, Final, NamedTuple, Self
 
 from rvaft.engine.all_matches import Following
-from rvaft.engine.compiled_tree import Clause, CompiledTree, EventClass, Reading, TreeLetters
-from rvaft.engine.configuration import DONE, MORE, TOUCHED, Configuration, Mark, Witness, events_of
+from rvaft.engine.compiled_tree import NOTHING, Clause, CompiledTree, EventClass, Reading, TreeLetters
+from rvaft.engine.configuration import DONE, MORE, TOUCHED, Configuration, Mark, Witness, events_of, history
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import UNRANKED, Member, StageGroup
 from rvaft.engine.stages import Stage, StageMove, Stages, agree
+from rvaft.model.expressions import without_text
 from rvaft.model.guards import Predicate, predicate
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json, equal, exact, fingerprint
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import Absence, Explanation
 
 _MANY: Final = 4
 """The maximum number of members to visit without the index."""
@@ -90,6 +93,7 @@ class AbsentEvents(Following):
     """The partial matches by stage; a mark or an event leads from one stage to another."""
 
     joins = True
+    sees_irrelevant = True
 
     def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
         early = semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
@@ -100,8 +104,7 @@ class AbsentEvents(Following):
         self._calls = {node: AbsentCall.of(clause) for node, clause in compiled.clauses.items()}
         after = [one for one in compiled.clauses.values() if one.part.side is Side.AFTER]
         before = [one for one in compiled.clauses.values() if one.part.side is Side.BEFORE]
-        self.timed = bool(after)
-        """Whether the time of each event matters."""
+        self.sees_times = bool(after)
         self._before = {one.node: one for one in before}
         time = compiled.prop.time
         self._late = 0 if time is None else time.late or 0
@@ -151,16 +154,17 @@ class AbsentEvents(Following):
     @property
     def state(self) -> Hashable:
         """Equal states have equal futures."""
-        used = bool(self._before)
+        members, came = self._members, list[tuple[int, Came]]()
+        used = [self._used(one.last) if self._before else () for _, one in members]
+        for node, past in self._past.items():
+            came += ((node, one) for some in past.events.values() for one in some)
+        # only the order of positions matters
+        rank = {one: at for at, one in enumerate(sorted({*chain(*used), *(one.position for _, one in came)}))}
         found = frozenset(
-            (self._stages.place(stage), fingerprint(one.binding), self._used(one.last) if used else ())
-            for stage, one in self._members
+            (self._stages.place(stage), fingerprint(one.binding), tuple(rank[position] for position in own))
+            for (stage, one), own in zip(members, used, strict=True)
         )
-        past = tuple(
-            (node, frozenset((key, *((one.position, one.time) for one in some)) for key, some in past.events.items()))
-            for node, past in self._past.items()
-        )
-        return found, past
+        return found, frozenset((node, rank[one.position], one.time, fingerprint(one.values)) for node, one in came)
 
     @staticmethod
     def _used(last: Witness | None) -> tuple[int, ...]:
@@ -184,7 +188,9 @@ class AbsentEvents(Following):
         }
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the event with its class."""
+        """Return the event with its class, if it may change anything."""
+        if not (self.sees_times or event_class.relevant or event_class.serving or event_class.breaking):
+            return NOTHING
         return Reading(event_class.relevant, (event, event_class))
 
     def forget(self, watermark: int) -> None:
@@ -205,8 +211,8 @@ class AbsentEvents(Following):
         """Return the verdict after one more event."""
         event, event_class = reading.hits or ({}, EventClass())
         time = self.letters.time(event) if reading.hits else None
-        if time is not None and self._decide(time, position):
-            return Verdict.TRUE
+        if time is not None:
+            self._decide(time, position)
         counts = self._scattered or self.semantics is Semantics.STRICT or reading.relevant
         found = [*self._extensions(event, event_class, time, position)] if counts and event_class.serving else []
         self.noted = bool(found)
@@ -217,7 +223,7 @@ class AbsentEvents(Following):
             self._break(event, event_class, time, position)
         for stage, binding, last in found:
             self._add(stage, binding, last)
-        if event_class.breaking and self._before:
+        if event_class.breaking:
             self._remember(event, event_class, time, position)
         if self.semantics is Semantics.CONSECUTIVE and counts:
             start = self.matching.start()
@@ -232,13 +238,42 @@ class AbsentEvents(Following):
             return Verdict.FALSE
         return Verdict.UNKNOWN
 
-    def pass_time(self, time: int, position: int) -> Verdict:
-        """Return the verdict after the time has come, at no new position."""
-        return Verdict.TRUE if self._decide(time, position) else Verdict.UNKNOWN
+    def pass_time(self, time: int) -> Verdict:
+        """Return the verdict after the time has come, without an event."""
+        self._decide(time, 0)
+        return Verdict.TRUE if self._detect() else Verdict.UNKNOWN
 
     def finish(self) -> Verdict:
         """Return the verdict after the end of the trace, which decides every clause."""
         return Verdict.TRUE if self._detect(finished=True) else Verdict.UNKNOWN
+
+    def explain(self) -> Explanation:
+        """Return a match of the lowest-numbered branch, with its absent events."""
+        found = super().explain()
+        positions = [one.event for one in found.matched]
+        match = next(one for one in self.matches if [step.position for step in events_of(one.witness)] == positions)
+        return replace(found, absences=tuple(self._absences(match)))
+
+    def _absences(self, match: Configuration) -> Iterator[Absence]:
+        steps = history(match.witness)
+        marks = [(*Mark.of(step.node), step.position) for step in steps if step.node < 0]
+        decided = {node: position for mark, node, position in marks if mark is Mark.DECIDED}
+        for clause in self.compiled.clauses.values():
+            inside = self.compiled.inside[clause.target]
+            own = [step.position for step in steps if step.node >= 0 and inside >> step.node & 1]
+            if not own:
+                continue
+            name, number = clause.place
+            written = self.compiled.prop.tree.nodes[name].without[number - 1]
+            text = without_text(written).removeprefix("without ")
+            match clause.part.side:
+                case Side.DURING:
+                    if len(own) > 1:
+                        yield Absence(name, text, own[0], own[-1])
+                case Side.AFTER:
+                    yield Absence(name, text, own[-1], decided.get(clause.node) or None)
+                case Side.BEFORE:
+                    yield Absence(name, text, None, own[0])
 
     def _detect(self, *, finished: bool = False) -> bool:
         made = [
@@ -334,19 +369,15 @@ class AbsentEvents(Following):
     def _live_deadlines(self) -> int:
         return sum(len(group.members) * len(self._of(stage).waits) for stage, group in self._groups.items())
 
-    def _decide(self, time: int, position: int) -> bool:
-        """Mark the clauses that a time decides; return whether there is a match then."""
-        changed = False
+    def _decide(self, time: int, position: int) -> None:
+        """Mark the clauses that a time decides; position 0 stands for no event."""
         while self._deadlines and self._deadlines[0][0] < time:
             _, number, stage, clause = heappop(self._deadlines)
             group = self._groups.get(stage)
             member = None if group is None else group.members.get(number)
             if member is not None:
-                changed = True
                 self._move(stage, member, Mark.DECIDED, clause.node, position)
-        if changed:
-            self._drop_empty()
-        return changed and self._detect()
+        self._drop_empty()
 
     def _end_others(self, position: int) -> None:
         """End the partial matches that do not use an event that counts; matches wait on."""
@@ -366,12 +397,12 @@ class AbsentEvents(Following):
                     call = self._calls[node]
                     for stage, group in [*self._groups.items()]:
                         if call.clause in self._of(stage).open:
-                            for member in self._broken(call, stage, group, values, time):
+                            for member in self._broken(call, group, values, time):
                                 self._move(stage, member, Mark.BROKEN, node, position)
         self._drop_empty()
 
     def _broken(
-        self, call: AbsentCall, stage: Stage, group: StageGroup, values: Mapping[str, Json], time: int | None
+        self, call: AbsentCall, group: StageGroup, values: Mapping[str, Json], time: int | None
     ) -> list[Member]:
         """Return the members of a stage that an event breaks."""
         members: Iterable[Member] = group.members.values()
@@ -419,19 +450,19 @@ class AbsentEvents(Following):
                 continue
             noted = move.timed(bound) if move.registers else bound
             last = Witness(member.last, move.node, position, values)
-            made = self._judged(outcome[0], move, noted, last, member)
+            made = self._judged(outcome[0], move, noted, last)
             if made is not None:
                 yield made
 
     def _judged(
-        self, stage: Stage, move: StageMove, bound: Mapping[str, Json], last: Witness, before: Member
+        self, stage: Stage, move: StageMove, bound: Mapping[str, Json], last: Witness
     ) -> tuple[Stage, dict[str, Json], Witness] | None:
         """Return a partial match after an event with the marks of its clauses, or None."""
         binding = stage.remembered(bound)
         for clause in self.compiled.clauses_around(move.node):
             part = clause.part
             register = self.compiled.register(clause.target)
-            if part.side is Side.BEFORE and self._came_before(clause, bound, last, before):
+            if part.side is Side.BEFORE and self._came_before(clause, bound, last):
                 return None
             if part.duration is not None and bound[register.least] is None:
                 target = self._mark(stage, Mark.BROKEN, clause.node)
@@ -444,7 +475,7 @@ class AbsentEvents(Following):
 
     # Events before a part.
 
-    def _came_before(self, clause: Clause, bound: Mapping[str, Json], last: Witness, before: Member) -> bool:
+    def _came_before(self, clause: Clause, bound: Mapping[str, Json], last: Witness) -> bool:
         """Whether an event that breaks `before` came, for a partial match with a new last event."""
         inside = self.compiled.inside[clause.target]
         own = [step.position for step in events_of(last) if inside >> step.node & 1]
@@ -467,7 +498,7 @@ class AbsentEvents(Following):
 
     def _remember(self, event: Mapping[str, Json], event_class: EventClass, time: int | None, position: int) -> None:
         """Remember an event for the clauses `before`."""
-        for admission in event_class.breaking:
+        for admission in event_class.breaking if self._before else ():
             nodes = [node for node in admission.breaks if node in self._before]
             for values in self.letters.ways(admission, event, time) if nodes else ():
                 for node in nodes:

@@ -1,6 +1,7 @@
 """The engine as a monitor."""
 
 from collections.abc import Callable, Hashable, Mapping
+from datetime import datetime
 from math import inf
 from typing import Any, Final, Self
 
@@ -9,6 +10,7 @@ from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, Tree
 from rvaft.engine.explanation import together
 from rvaft.engine.selection import strategy_of
 from rvaft.engine.strategy import Strategy
+from rvaft.errors import OptionError
 from rvaft.model.event_time import Jump
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -64,7 +66,7 @@ class Engine(Monitor):
         own = {"tree": self.tree, "_read_time": self._read_time, "_strategy": self._strategy}
         vars(self).update({**snapshot, **own})
         self._strategy.restore(snapshot["_strategy"])
-        self.pass_time(self._latest)
+        self.reach(self._latest)
 
     def __getstate__(self) -> dict[str, object]:
         """Return the tree and the state, without the compiled tree."""
@@ -91,6 +93,16 @@ class Engine(Monitor):
         None means that each event must be read.
         """
         return self._strategy.inert(event_class)
+
+    @property
+    def sees_irrelevant(self) -> bool:
+        """Whether an irrelevant event may change the verdict if it matches a pattern."""
+        return self._strategy.sees_irrelevant
+
+    @property
+    def sees_times(self) -> bool:
+        """Whether the time of any event may change the verdict."""
+        return self._strategy.sees_times
 
     @property
     def joins(self) -> bool:
@@ -135,7 +147,7 @@ class Engine(Monitor):
         super().go_on_after(earlier)
         self._position, self.jumps = earlier._position, earlier.jumps
         self._strategy.go_on_after(earlier._strategy)
-        self.pass_time(earlier._latest)
+        self.reach(earlier._latest)
 
     def is_late(self, event: Json, number: int = 0) -> bool:
         """Whether an event is late (semantics, section 1.1); call it once per event, in order.
@@ -148,7 +160,7 @@ class Engine(Monitor):
         late, latest = own.is_late_at(self._read_time(event), self._latest)
         if latest != self._latest:
             self.jumps = own.jumped(self.jumps, number, self._latest, latest)
-            self.pass_time(latest)
+            self.reach(latest)
         return late
 
     @property
@@ -161,7 +173,24 @@ class Engine(Monitor):
         """The maximum event time so far in nanoseconds, if the tree has `late`."""
         return self._latest
 
-    def pass_time(self, latest: int | None) -> None:
+    def pass_time(self, time: Json | datetime) -> Verdict:
+        """Return the verdict after a time has come, without an event; raises `OptionError` for no time."""
+        if self.tree.time is None:
+            raise OptionError("the tree has no time of events: add `time FIELD as FORMAT;`")
+        now = self.tree.time.now(time)
+        if self._verdict is _UNKNOWN:
+            if self._may_be_late and (self._latest is None or self._latest < now):
+                self.reach(now)
+            self._verdict = self._strategy.pass_time(now)
+        return self._verdict
+
+    def finish(self) -> Verdict:
+        """Return the verdict after the end of the trace, which decides every `for D after`."""
+        if self._verdict is _UNKNOWN:
+            self._verdict = self._strategy.finish()
+        return self._verdict
+
+    def reach(self, latest: int | None) -> None:
         """Set the maximum event time and drop the partial matches that it rules out."""
         self._latest = latest
         if latest is not None and self.tree.time is not None and self.tree.time.late is not None:

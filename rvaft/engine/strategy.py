@@ -43,6 +43,10 @@ class Strategy(ABC):
     """Whether the last event may be in a match; False is certain."""
     joins: ClassVar[bool] = False
     """Whether events are joined with many partial matches."""
+    sees_irrelevant: ClassVar[bool] = False
+    """Whether an irrelevant event may change a verdict if it matches a pattern."""
+    sees_times: bool = False
+    """Whether the time of any event may change a verdict."""
 
     @abstractmethod
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
@@ -61,6 +65,14 @@ class Strategy(ABC):
 
     def forget(self, watermark: int) -> None:  # noqa: B027 (most need not)
         """Set the watermark, the minimum time of later events, and drop what it rules out."""
+
+    def pass_time(self, time: int) -> Verdict:  # noqa: ARG002 (most look at events only)
+        """Return the verdict after the time has come, without an event."""
+        return Verdict.UNKNOWN
+
+    def finish(self) -> Verdict:
+        """Return the verdict after the end of the trace."""
+        return Verdict.UNKNOWN
 
     def go_on_after(self, earlier: Self) -> None:  # noqa: B027 (most look at no earlier event)
         """Remember what earlier events of the trace may rule out; this strategy must be new."""

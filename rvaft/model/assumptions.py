@@ -308,6 +308,7 @@ def first_violation(tree: RVAFT, trace: Iterable[Json], assumptions: Iterable[As
 def used_events(tree: RVAFT) -> list[str]:
     """Return the event types of reachable nodes and of `ignore` declarations."""
     calls = [*(node.on for node in tree.top_down()), *(ignore.on for ignore in tree.ignores)]
+    calls += [clause.on for _, clause, _ in tree.absences]
     return [*dict.fromkeys(on.event for on in calls if on is not None)]
 
 
@@ -353,8 +354,8 @@ def places(
 
 def _case_tests(tree: RVAFT) -> Iterator[tuple[Path, Callable[[str], bool], str]]:
     """Yield tests of texts in events: the path, whether a text differs in case alone, and the literal."""
-    guards = [node.when for node in tree.top_down()]
-    patterns = [tree.pattern(name) for name in tree.occurrences]
+    guards = [*(node.when for node in tree.top_down()), *(clause.when for _, clause, _ in tree.absences)]
+    patterns = [*(tree.pattern(name) for name in tree.occurrences), *(pattern for _, _, pattern in tree.absences)]
     local = [(tree.instantiate(ignore.on), [ignore.when]) for ignore in tree.ignores]
     for pattern, tests in [*((pattern, guards) for pattern in patterns if pattern is not None), *local]:
         for path, part, _ in places(pattern):

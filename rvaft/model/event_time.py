@@ -299,6 +299,23 @@ class EventTime:
 
         return read
 
+    def now(self, value: Json | datetime) -> int:
+        """Return a time in nanoseconds, given as events have it or as a `datetime` (without a zone, in UTC).
+
+        >>> EventTime(("ts",), TimeFormat.SECONDS).now(2.5)
+        2500000000
+
+        Raises `OptionError` if it cannot be read.
+        """
+        if isinstance(value, datetime):
+            whole = value if value.tzinfo is not None else value.replace(tzinfo=UTC)
+            since = whole - datetime(1970, 1, 1, tzinfo=UTC)
+            return (since.days * 86_400 + since.seconds) * 10**9 + since.microseconds * 1000
+        found = self.of(value)
+        if found is None:
+            raise OptionError(f"{value!r} is no time as {self.format}")
+        return found
+
     def reads(self, value: Json) -> bool:
         """Whether a value of the time field can be read."""
         return self.of(value) is not None

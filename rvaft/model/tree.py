@@ -233,6 +233,12 @@ class RVAFT:
         names = (v for name in self.occurrences for v in pattern_variables(self._patterns[name] or Anything()))
         return tuple(dict.fromkeys(name for name in names if not name.startswith("_")))
 
+    @cached_property
+    def absences(self) -> tuple[tuple[str, Without, Pattern], ...]:
+        """The absent events of the reachable nodes: node, clause and pattern."""
+        clauses = ((node.name, clause) for node in self.top_down() for clause in node.without)
+        return tuple((name, clause, self.instantiate(clause.on)) for name, clause in clauses)
+
     def own_variables(self, clause: Without) -> frozenset[str]:
         """Return the variables of a `without` that no node's event binds: they are local to it."""
         tree = self if self.part_of is None else self.part_of.tree

@@ -84,11 +84,14 @@ class Reference(Monitor):
         super().go_on_after(earlier)
         self._latest, self._past = earlier._latest, earlier._past
 
-    def pass_time(self, time: int) -> Verdict:
-        """Clause: a live monitor may be told that time has passed: as an irrelevant event of that time."""
-        if self.verdict is Verdict.UNKNOWN:
-            self._is_late(time)
-            self._verdict = self._after_event(dict(self._partials), Observed(None, time, late=False))
+    def pass_time(self, time: Any) -> Verdict:
+        """Clause: a live monitor may be told that the time t has come; that is an event of time t without
+        content, at no position.
+        """
+        if self.verdict is Verdict.UNKNOWN and self.tree.time is not None:
+            now = self.tree.time.now(time)
+            self._is_late(now)
+            self._verdict = self._after_event(dict(self._partials), Observed(None, now, late=False))
         return self.verdict
 
     def finish(self) -> Verdict:

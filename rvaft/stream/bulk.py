@@ -154,7 +154,7 @@ def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKi
 
     Return None if an event may change something, or if the monitor of a key is unknown.
     """
-    projects, event_class = monitors.semantics.projects, event_kind.classes[0]
+    projects, event_class = monitors.skips_irrelevant, event_kind.classes[0]
     if not event_kind.relevant and (projects or not event_kind.serves):
         return False
     if keyed or monitors.rests:
@@ -163,7 +163,7 @@ def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKi
         return None if monitors.live else True
     if monitors.live and monitors.live_columns != (0,):
         return None
-    if not event_class.serving:
+    if not (event_class.serving or event_class.breaking):
         return False
     engine = monitors.engines[0]
     inert = engine.inert(event_class)

@@ -150,8 +150,13 @@ class MonitorSet:
         self.found = [DetectionCount() for _ in self.columns]
         self.serves = self.concerned = self.late = False
         self.may_be_late = bool(self.engines) and self.time is not None and self.time.late is not None
-        self.counts_all = self._strict or not self.engines
-        """Whether an irrelevant event may change a verdict."""
+        self.sees_times = any(engine.sees_times for engine in self.engines)
+        """Whether the time of any event may change a verdict."""
+        self.counts_all = self._strict or not self.engines or self.sees_times
+        """Whether any event may change a verdict."""
+        self.skips_irrelevant = self._projected and bool(self.engines)
+        """Whether irrelevant events change nothing."""
+        self.skips_irrelevant &= not any(engine.sees_irrelevant for engine in self.engines)
         self._live = tuple(range(len(self.monitors)))
         self._resting: tuple[int, ...] = ()
         """The columns that restart with the next event."""
@@ -235,7 +240,7 @@ class MonitorSet:
             self.late = engines[0].is_late(event, number) if late is None else late
             for column in self._live:
                 if engines[column].latest != engines[0].latest:
-                    engines[column].pass_time(engines[0].latest)
+                    engines[column].reach(engines[0].latest)
             if self.late:
                 event_kind = self.types.late
         classes = (event_kind or self.types.of(event)).classes
@@ -247,7 +252,7 @@ class MonitorSet:
             self.concerned = True
             return ()
         concerned = self.concerned = reading.relevant if self._projected else bool(reading.hits)
-        if not (concerned or self._strict):
+        if not (concerned or self._strict or (reading.hits and not self.skips_irrelevant)):
             return ()
         final = serves = False
         for column in self._live:
@@ -258,11 +263,11 @@ class MonitorSet:
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
 
-    def pass_time(self, latest: int | None) -> None:
+    def reach(self, latest: int | None) -> None:
         """Set the maximum event time of all monitors."""
         for column in {0, *self._live}:
             if self.engines[column].latest != latest:
-                self.engines[column].pass_time(latest)
+                self.engines[column].reach(latest)
 
     @property
     def until(self) -> float:

@@ -228,7 +228,7 @@ class TraceRun:
         """
         prefix, keys, fresh = self.prefix, self.keys, self.plan.monitors
         each, _, of_concern = self.audience
-        skips = fresh.semantics.projects and bool(fresh.engines)  # irrelevant events change nothing
+        skips = fresh.skips_irrelevant
         keyed_by = keys.names[0] if keys is not None and len(keys.names) == 1 else ""
         known = {} if keys is None else keys.known
         types, look_up = fresh.types, fresh.types.shapes.of
@@ -281,7 +281,7 @@ class TraceRun:
                 if event_kind.relevant or counts_all or (event_kind.serves and not skips):
                     monitors = watch.monitors
                     if times is not None:
-                        monitors.pass_time(times.latest(place))
+                        monitors.reach(times.latest(place))
                     changed = monitors.step(event, number, event_kind, late=late)
                     if monitors.concerned:
                         concerned.append((number, event))
@@ -325,7 +325,7 @@ class TraceRun:
         self._risen.append((times, before, self.lines[1]))
         if len(self._risen) > JUMPS:
             self._note_jumps()
-        self.watch.monitors.pass_time(times.latest(last))
+        self.watch.monitors.reach(times.latest(last))
 
     def _note_jumps(self) -> None:
         """Note the last jumps of the maximum time in the batches that have passed."""

@@ -42,7 +42,7 @@ Source: TypeAlias = BinaryIO | Log | Iterable[Json]
 
 def _times_count(monitors: MonitorSet) -> bool:
     """Whether the time of every event matters."""
-    return monitors.may_be_late if monitors.engines else monitors.time is not None
+    return monitors.may_be_late or monitors.sees_times if monitors.engines else monitors.time is not None
 
 
 class LogReading:

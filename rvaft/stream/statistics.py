@@ -64,7 +64,7 @@ class EventKind:
     relevant: tuple[str, ...] | None = field(default=(), init=False)
     """The relevant types; None for an ignored event."""
     serves: bool = field(default=False, init=False)
-    """Whether the event may be that of a node."""
+    """Whether the event may be that of a node, or an absent one."""
     noted: object = field(default=None, init=False)
     checks: WarningChecks = field(default_factory=WarningChecks)
 
@@ -163,7 +163,7 @@ class EventTypeIndex:
         ]
         made.types = frozenset([*(name for what, name, _ in fits if what == "type"), *calls])
         made.entries = any(self.letters[number][0] == "entry" for number in made.fits)
-        made.serves = any(one.serving for one in made.classes)
+        made.serves = any(one.serving or one.breaking for one in made.classes)
         return made
 
     @cached_property

@@ -7,14 +7,14 @@ from typing import Any
 from rvaft.core.branches import restrict
 from rvaft.engine import Engine
 from rvaft.errors import TreeError
-from rvaft.model.nodes import Kind
+from rvaft.model.nodes import Kind, Side
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import is_finite, key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
 from rvaft.semantics.events import observe, time_of
-from rvaft.semantics.reference import Partial, guards_hold, relevant
+from rvaft.semantics.reference import Observed, Partial, decided, guards_hold, relevant, unbroken
 from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices, several
 
 Trace = Sequence[dict[str, Any]]
@@ -114,13 +114,17 @@ def _allowed(tree: RVAFT, prefix: Trace, semantics: str, positions: list[int]) -
     mattering = [position for position in punctual if relevant(tree, prefix[position - 1])]
     match Semantics(semantics):
         case Semantics.STRICT:
-            return positions == list(range(1, len(prefix) + 1)) and set(positions) <= set(punctual)
+            every = list(range(1, len(prefix) + 1))
+            allowed, last = every[: len(positions)] == positions and set(positions) <= set(punctual), every
         case Semantics.PROJECTED:
-            return positions == mattering
+            allowed, last = positions == mattering[: len(positions)], mattering
         case Semantics.CONSECUTIVE:
-            return positions == mattering[-len(positions) :]
+            first = mattering.index(positions[0]) if positions[0] in mattering else 0
+            allowed, last = positions == mattering[first : first + len(positions)], mattering
         case Semantics.SCATTERED:
-            return positions[-1] == len(prefix) and set(positions) <= set(punctual)
+            allowed, last = set(positions) <= set(punctual), [len(prefix)]
+    waits = any(clause.side is Side.AFTER for _, clause, _ in tree.absences)
+    return allowed and (waits or positions[-1] == last[-1])
 
 
 def matched_occurrences(tree: RVAFT, explanation: Explanation) -> dict[str, int]:
@@ -139,7 +143,16 @@ def _is_match(scenario: Scenario, explanation: Explanation, prefix: Trace) -> bo
     told = [one for one in bindings if _written(one) == _written(explanation.variables)]
     orders = (all(matched[a] < matched[b] for b in order for a in order[b]) for order in scenario.orders)
     times = {name: time_of(scenario.tree.time, prefix[position - 1]) for name, position in matched.items()}
-    holding = (guards_hold(scenario, Partial(0, 0, scenario.occurrences, one, times)) for one in told)
+    places = {name: position - 1 for name, position in matched.items()}
+    whole = [Partial(0, 0, scenario.occurrences, one, times, places) for one in told]
+    punctual = in_time(scenario.tree, prefix)
+    past = [
+        Observed(event, time_of(scenario.tree.time, event), position not in punctual)
+        for position, event in enumerate(prefix, 1)
+    ]
+    holding = (
+        guards_hold(scenario, one) and unbroken(scenario, one, past) and decided(scenario, one, past) for one in whole
+    )
     kinds = frozenset(node.kind for node in scenario.nodes if node.kind is not None)
     return any(orders) and any(holding) and kinds == explanation.kinds
 

@@ -13,7 +13,7 @@ from cross_check.generate.trees import Shape, random_tree
 from rvaft.engine import Engine
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
-from rvaft.model.nodes import Causality, EventType, Gate, Kind, Node, On
+from rvaft.model.nodes import Causality, EventType, Gate, Kind, Node, On, Side, Without
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
@@ -49,6 +49,8 @@ class Dense:
     """The share of gates with a window; None for events without times."""
     points: float = 0.0
     """The share of nodes with a guard over time points."""
+    absences: float = 0.0
+    """The share of nodes with an absent event."""
 
 
 def dense_tree(random: Random, shape: Dense) -> RVAFT:
@@ -84,7 +86,25 @@ def _node(random: Random, shape: Dense, name: str, below: tuple[str, ...], *, is
         within = random.choice((0, 1, 1, 2, 2, 3, 5)) * SECOND
     if random.random() < shape.points:
         when = _time_guard(random, name, below, shape)
-    return Node(name, gate, below, threshold, _on(random, shape) if has_event else None, when, kind, within=within)
+    without = tuple(_absent(random, shape) for _ in range(2) if shape.absences and random.random() < shape.absences)
+    on = _on(random, shape) if has_event else None
+    return Node(name, gate, below, threshold, on, when, kind, within=within, without=without)
+
+
+def _absent(random: Random, shape: Dense) -> Without:
+    letter, side = Literal(random.choice(LETTERS[: shape.letters])), random.choice(list(Side))
+    timed = side is Side.AFTER or (side is Side.BEFORE and random.random() < 0.6)
+    if timed and shape.windows is None:
+        side, timed = Side.DURING, False
+    duration = random.choice((0, 1, 1, 2, 3)) * SECOND if timed else None
+    if random.random() >= shape.variables:
+        return Without(On("letter", (letter,)), None, side, duration)
+    value = random.choice((Variable("X"), Variable("Q"), Variable("Q"), Anything(), Literal(1)))
+    when = None
+    if value == Variable("Q") and random.random() < 0.7:
+        than = random.choice((Literal(1), Variable("X"), Variable("Y")))
+        when = Operation(random.choice(GUARDED), (value, than))
+    return Without(On("pair", (letter, value)), when, side, duration)
 
 
 def _time_guard(random: Random, name: str, below: tuple[str, ...], shape: Dense) -> Guard:
@@ -150,6 +170,10 @@ SHAPES: Final = {
     "many ends": Dense(windows=0.1, nodes=11, letters=3, guards=0, gate_events=0.1, gates=LONG_ENDS),
     "ends and values": Dense(windows=0.2, variables=0.5, nodes=8, gates=ENDING),
     "shared ends": Dense(windows=0.1, sharing=0.6, nodes=8, gates=ENDING),
+    "absent events": Dense(absences=0.2, guards=0, nodes=6, windows=0.1, gates=CHOOSING),
+    "absent values": Dense(absences=0.25, variables=0.6, guards=0.05, nodes=5, letters=2, windows=0.1),
+    "shared absences": Dense(absences=0.15, sharing=0.6, nodes=6, guards=0, windows=0.2, gates=CHOOSING),
+    "absences and ends": Dense(absences=0.2, windows=0.1, guards=0, nodes=6, letters=2, gates=ENDING),
     "time points": Dense(windows=0.2, points=0.3, nodes=8, gates=(*CHOOSING, Gate.PAND)),
 }
 

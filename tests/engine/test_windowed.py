@@ -169,7 +169,7 @@ def test_the_values_of_a_common_variable_are_followed_apart(users: int, late: st
         if user not in apart:
             apart[user] = Engine(tree)
         own = apart[user]
-        own.pass_time(engine.latest)
+        own.reach(engine.latest)
         expected = own.step(event)
         assert engine.step(event) is expected, number
         if expected is Verdict.TRUE:

@@ -8,7 +8,8 @@ from datetime import datetime
 from typing import Final, NamedTuple, Self, TypeAlias
 
 from rvaft.errors import RvaftError, TooLarge, TraceError
-from rvaft.model.nodes import Kind
+from rvaft.model.event_time import duration_text
+from rvaft.model.nodes import Kind, Side
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
@@ -25,23 +26,38 @@ class MatchedEvent(NamedTuple):
 
 
 class Absence(NamedTuple):
-    """An event that did not come: the node with the `without`, and the rest of its text.
+    """An event that did not come, by the `without` of a node.
 
-    It did not come between two events, by their numbers: `after` is None for the beginning of the trace, and
-    `before` for its end. Of `for D after`, `before` is the event with which D has passed (None if no
-    event told so); of `for D before`, only the last D count.
+    It did not come between two events, by their numbers: `after` is None for the beginning of the
+    trace. Of `for D after`, `before` is the event with which D has passed, None if no event told so.
+    `duration` is D in nanoseconds.
 
     >>> import rvaft
     >>> text = "event e(k) = { k: k }; top sand a b without e(3); a on e(1); b on e(2);"
     >>> watching = rvaft.monitor(rvaft.loads(text), semantics="scattered")
-    >>> [*watching.run([{"k": 1}, {"k": 2}])][-1].symbol, watching.explanation.absences
-    ('⊤', (Absence(node='top', event='e(3)', after=1, before=2),))
+    >>> [*watching.run([{"k": 1}, {"k": 2}])][-1].symbol, watching.explanation.absences[0].text
+    ('⊤', 'no e(3) between events 1 and 2')
     """
 
     node: str
     event: str
+    side: Side
+    duration: int | None
     after: int | None
     before: int | None
+
+    @property
+    def text(self) -> str:
+        """The absence in words."""
+        length = "" if self.duration is None else f" for {duration_text(self.duration)}"
+        match self.side:
+            case Side.DURING:
+                return f"no {self.event} between events {self.after} and {self.before}"
+            case Side.AFTER:
+                told = "" if self.before is None else f", as event {self.before} shows"
+                return f"no {self.event}{length} after event {self.after}{told}"
+            case Side.BEFORE:
+                return f"no {self.event}{length} before event {self.before}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +120,24 @@ class Awaited:
 
 
 @dataclass(frozen=True, slots=True)
+class AwaitedAbsence:
+    """A node that waits until a time for an event not to come; `until` is in nanoseconds.
+
+    >>> import rvaft
+    >>> text = "time t as s; event e(k) = { k: k }; top on e(1) without e(2) for 5 s after;"
+    >>> watching = rvaft.monitor(rvaft.loads(text), semantics="scattered")
+    >>> watching.step({"k": 1, "t": 10}).symbol, watching.pending()[-1].absent
+    ('?', (AwaitedAbsence(node='top', event='e(2)', until=15000000000),))
+    """
+
+    node: str
+    event: str
+    until: int
+
+
+@dataclass(frozen=True, slots=True)
 class Pending:
-    """The nodes whose events may come next in a live branch.
+    """The nodes whose events may come next in a live branch, and those whose events must not come.
 
     `variables` are the values bound so far on which later events depend; each binding has a record.
     `branch` is None for all branches together, if they are too many.
@@ -118,6 +150,7 @@ class Pending:
     branch: int | None
     awaited: tuple[Awaited, ...]
     variables: Mapping[str, Json]
+    absent: tuple[AwaitedAbsence, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -323,6 +323,7 @@ class _Text(Reporter):
                 who = "" if record.branch is None else f"branch {record.branch} "
                 values = ", ".join(f"{name} = {_short(value)}" for name, value in record.variables.items())
                 names = [one.event if one.event == one.node else f"{one.event} ({one.node})" for one in record.awaited]
+                names += [f"no {one.event} ({one.node})" for one in record.absent]
                 more = " or others" if len(names) > WAITING else ""
                 awaited = f"{' or '.join(names[:WAITING])}{more}{f', with {values}' if values else ''}"
                 yield f"{title}{who}waited for {awaited}"
@@ -355,6 +356,8 @@ class _Text(Reporter):
                 earlier = f"events {', '.join(shown)} and "
             is_ = "is" if len(numbers) == 1 else "are"
             yield f"{earlier}{number}{line}{place} {is_} {node}{f' ({label})' if label else ''}"
+        for absence in explanation.absences:
+            yield f"{absence.text} ({absence.node})"
         for variable, value in explanation.bound(tree).items():
             yield f"{variable} = {_json(value)}"
 

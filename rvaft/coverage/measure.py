@@ -129,6 +129,8 @@ class LackingEvents:
             ways = Ways.of(Way(own + sum(map(_lacking, below)), node, below) for below in kept)
             if node in progress.unfit:
                 ways = Ways(ways.more, ways.more)
+            if node in progress.ended:
+                ways = Ways(None if ways.least is None or ways.least.lacking else ways.least, None)
             if ways.least is not None:
                 found[node] = ways
         return found
@@ -269,6 +271,8 @@ class BranchFollower:
     def __init__(self, prop: Property, semantics: Semantics, *, limit: int) -> None:
         self.verdict = Verdict.UNKNOWN
         self._tree, self._semantics = prop.tree, semantics
+        self._ends = semantics is not Semantics.SCATTERED or bool(prop.absences)
+        """Whether partial matches end before better ones come."""
         self._strategy = measured_strategy(_followed(prop), semantics, limit=limit)
         self._shortest = LackingEvents(self._strategy.compiled)
         self._lacking, self._last = self._shortest.fewest(Progress({}))[0], 0
@@ -282,23 +286,23 @@ class BranchFollower:
         twin._strategy, twin._best = self._strategy.fork(), self._best.copy()  # noqa: SLF001
         return twin
 
-    def follow(self, number: int, event: Json, *, fits: bool) -> None:
+    def follow(self, number: int, event: Json, *, fits: bool, relevant: bool = True) -> None:
         """Read the event with this number; skipped events change nothing.
 
         `fits` is False only if it is no event of this branch.
         """
         strategy = self._strategy
         hits = strategy.read(event, strategy.letters.classify(event)).hits if fits else ()
-        self.verdict = strategy.advance(Reading(relevant=True, hits=hits), number)
+        self.verdict = strategy.advance(Reading(relevant, hits), number)
         if self.verdict is Verdict.TRUE:
             self._lacking, self._last = 0, number
             self._best.clear()
-        elif self.verdict is Verdict.UNKNOWN and self._semantics is not Semantics.SCATTERED:
+        elif self.verdict is Verdict.UNKNOWN and self._ends:
             self._look()
 
     def reach(self) -> Reach:
         """Return the progress at the end of the log; nothing is missing after a detection."""
-        if self.verdict is Verdict.UNKNOWN and self._semantics is Semantics.SCATTERED:
+        if self.verdict is Verdict.UNKNOWN and not self._ends:
             self._look()
         waiting = {name for awaited_by in self._best.values() for name in awaited_by()}
         return Reach(self._lacking, self._last, awaited(self._tree, waiting))
@@ -311,7 +315,7 @@ class BranchFollower:
                 self._lacking, self._last = lacking, last
                 self._best.clear()
             if (lacking, last) == (self._lacking, self._last):
-                place = (*progress.taken.items(), *progress.dead, *progress.unfit)
+                place = (*progress.taken.items(), *progress.dead, *progress.unfit, *progress.ended)
                 self._best[place] = partial(progress.awaited, nodes)
 
 
@@ -456,7 +460,12 @@ class Coverage:
             for number, event, event_kind in data_warnings.over(numbered, f"{log}: "):
                 hit = set[str]() if event_kind is None else self._hit(event, event_kind, projects=projects)
                 seen |= hit
-                if hit or strict:
+                if self.tree.absences:
+                    in_time = event_kind is not None
+                    for follower, _ in live if in_time or strict else ():
+                        follower.follow(number, event, fits=in_time, relevant=bool(hit))
+                    live = [entry for entry in live if not entry[0].verdict.final]
+                elif hit or strict:
                     for follower, nodes in live:
                         fits = not nodes.isdisjoint(hit)
                         if fits or not scattered:  # otherwise it neither extends nor ends a partial match
@@ -498,7 +507,7 @@ class Coverage:
         """
         reads = TreeReads(self.tree)
         found = None
-        if self.semantics is not Semantics.STRICT:
+        if self.semantics is not Semantics.STRICT and not self.tree.absences:
             found = sources.events_of_concern(
                 reads,
                 self._types,

@@ -20,11 +20,10 @@ from typing import Any, Final, NamedTuple, Self
 
 from rvaft.engine.all_matches import Following
 from rvaft.engine.compiled_tree import NOTHING, Clause, CompiledTree, EventClass, Reading, TreeLetters
-from rvaft.engine.configuration import DONE, MORE, TOUCHED, Configuration, Mark, Witness, events_of, history
+from rvaft.engine.configuration import Configuration, Mark, Witness, events_of, history
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import UNRANKED, Member, StageGroup
 from rvaft.engine.stages import Stage, StageMove, Stages, agree
-from rvaft.model.expressions import without_text
 from rvaft.model.guards import Predicate, predicate
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import rigid_variables
@@ -95,8 +94,10 @@ class AbsentEvents(Following):
     joins = True
     sees_irrelevant = True
 
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
-        early = semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
+    def __init__(
+        self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int, early: bool = True
+    ) -> None:
+        early = early and semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
         super().__init__(compiled, letters, limit=limit, early=early)
         self.semantics = semantics
         self._scattered = semantics is Semantics.SCATTERED
@@ -211,12 +212,12 @@ class AbsentEvents(Following):
         """Return the verdict after one more event."""
         event, event_class = reading.hits or ({}, EventClass())
         time = self.letters.time(event) if reading.hits else None
+        before = self._members if self.semantics in (Semantics.STRICT, Semantics.PROJECTED) else []
         if time is not None:
             self._decide(time, position)
         counts = self._scattered or self.semantics is Semantics.STRICT or reading.relevant
         found = [*self._extensions(event, event_class, time, position)] if counts and event_class.serving else []
         self.noted = bool(found)
-        before = self.partial if counts and not self._scattered and not found else []
         if counts and not self._scattered:
             self._end_others(position)
         if event_class.breaking:
@@ -234,7 +235,7 @@ class AbsentEvents(Following):
         if self._stages.is_full:
             self.follow(self.partial)
         if not self._groups:
-            self.lost = before
+            self.lost = [stage.configuration(member.binding, member.last) for stage, member in before]
             return Verdict.FALSE
         return Verdict.UNKNOWN
 
@@ -263,17 +264,17 @@ class AbsentEvents(Following):
             own = [step.position for step in steps if step.node >= 0 and inside >> step.node & 1]
             if not own:
                 continue
-            name, number = clause.place
-            written = self.compiled.prop.tree.nodes[name].without[number - 1]
-            text = without_text(written).removeprefix("without ")
+            first: int | None
+            last: int | None
             match clause.part.side:
                 case Side.DURING:
-                    if len(own) > 1:
-                        yield Absence(name, text, own[0], own[-1])
+                    first, last = own[0], own[-1]
                 case Side.AFTER:
-                    yield Absence(name, text, own[-1], decided.get(clause.node) or None)
+                    first, last = own[-1], decided.get(clause.node) or None
                 case Side.BEFORE:
-                    yield Absence(name, text, None, own[0])
+                    first, last = None, own[0]
+            if first != last:
+                yield Absence(clause.place[0], clause.event, clause.part.side, clause.part.duration, first, last)
 
     def _detect(self, *, finished: bool = False) -> bool:
         made = [
@@ -290,20 +291,8 @@ class AbsentEvents(Following):
     def _of(self, stage: Stage) -> Standing:
         found = self._standing.get(stage)
         if found is None:
-            sample, matching = stage.sample, self.matching
-            open_, waits = list[Clause](), list[Clause]()
-            for clause in self.compiled.clauses.values():
-                flags = matching.part_flags(sample, clause.target)
-                match clause.part.side:
-                    case Side.DURING:
-                        if flags & TOUCHED and flags & MORE:
-                            open_.append(clause)
-                    case Side.AFTER:
-                        if flags & TOUCHED and flags & DONE and not sample.decided >> clause.node & 1:
-                            open_.append(clause)
-                            waits.append(clause)
-                    case Side.BEFORE:
-                        pass
+            open_ = self.matching.open_clauses(stage.sample)
+            waits = [clause for clause in open_ if clause.part.side is Side.AFTER]
             found = self._standing[stage] = Standing(tuple(open_), tuple(waits))
         return found
 

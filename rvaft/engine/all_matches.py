@@ -113,9 +113,9 @@ class Following(Measured):
             alike.setdefault(match.place, match)
         for match in alike.values():
             taken = {step.node: step.position for step in events_of(match.witness)}
-            unfit = (*bits(match.unfit | match.owing),)
+            unfit, ended = (*bits(match.unfit | match.owing | match.unanswered),), (*bits(match.ended),)
             awaited = partial(self._awaited, match.witness)
-            yield Progress(taken, (*bits(match.dead),), unfit, match.broken, awaited=awaited)
+            yield Progress(taken, (*bits(match.dead),), unfit, ended, match.broken, awaited=awaited)
 
     def _awaited(self, last: Witness | None, _: Collection[int]) -> frozenset[str]:
         match = self.matching.replayed((step.node, step.values, step.position) for step in history(last))

@@ -13,7 +13,7 @@ partial match keeps their values until the guards are decided.
 
 from collections import Counter
 from collections.abc import Collection, Hashable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, islice
 from typing import Any, Final, NamedTuple
@@ -23,9 +23,12 @@ from rvaft.core.classifier import EventTest, GuardTable, Letter, PatternIndex, R
 from rvaft.core.part_numbers import PartKind, op_of
 from rvaft.core.property import Part, Property, Source, fewest
 from rvaft.core.times import Extreme, TimeDifference, differences
+from rvaft.model.expressions import without_text
 from rvaft.model.guards import Guard, Operator, Predicate, TimePoint, conjuncts, predicate, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import Pattern, rigid_variables
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.support.bits import bits, mask_of, union
 
@@ -167,7 +170,9 @@ class CompiledTree:
         """Whether events of nodes precede the events below them."""
         self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
         self.clauses = {
-            node: Clause(node, inner[node][0], part) for node, one in enumerate(nodes) if (part := one.absence)
+            node: Clause(node, inner[node][0], part, prop.tree)
+            for node, one in enumerate(nodes)
+            if (part := one.absence)
         }
         """The silent nodes with an absent event."""
         self._note_variables(nodes)
@@ -401,6 +406,14 @@ class Clause(NamedTuple):
     node: int
     target: int
     part: core.Without
+    tree: RVAFT
+
+    @property
+    def event(self) -> str:
+        """The absent event with its guard, as text."""
+        source, number = self.place
+        written = self.tree.nodes[source].without[number - 1]
+        return without_text(replace(written, side=Side.DURING, duration=None)).removeprefix("without ")
 
     @property
     def place(self) -> tuple[str, int]:

@@ -25,7 +25,7 @@ from rvaft.model.expressions import event_text
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, fingerprint
-from rvaft.monitors import Awaited, Explanation, MatchedEvent, Pending
+from rvaft.monitors import Awaited, AwaitedAbsence, Explanation, MatchedEvent, Pending
 
 SEARCHING: Final = 20_000_000
 """The maximum number of visited nodes."""
@@ -61,6 +61,14 @@ def kept_nodes(tree: RVAFT, chosen: Mapping[str, tuple[str, ...]]) -> dict[str, 
     return {name: children(name) for name in reachable(tree.root, children)}
 
 
+class Waiting(NamedTuple):
+    """The nodes awaited by partial matches with the same values, and what they wait for not to come."""
+
+    names: Iterable[str]
+    variables: Mapping[str, Json]
+    absent: tuple[AwaitedAbsence, ...] = ()
+
+
 class MatchSearch(ABC):
     """A search for matches under choices in the state of a strategy."""
 
@@ -71,7 +79,7 @@ class MatchSearch(ABC):
         """Return a match with these choices, or None."""
 
     @abstractmethod
-    def waiting(self, choices: Choices | None) -> Iterable[tuple[Iterable[str], Mapping[str, Json]]]:
+    def waiting(self, choices: Choices | None) -> Iterable[Waiting]:
         """Iterate over the awaited nodes under these choices, by the values of variables.
 
         None stands for all branches together.
@@ -221,20 +229,25 @@ def pending(search: MatchSearch, *, limit: int) -> tuple[Pending, ...]:
                 wanted = (one for one in first if prop.kind is None or prop.kind in one.kinds)
                 selected = [(branch.number, branch.choices) for branch in wanted]
     return tuple(
-        Pending(number, awaited(tree, names), {n: value for n, value in variables.items() if n in tree.variables})
+        Pending(number, awaited(tree, names), {n: v for n, v in variables.items() if n in tree.variables}, absent)
         for number, choices in selected
-        for names, variables in search.waiting(choices)
-        if names
+        for names, variables, absent in search.waiting(choices)
+        if names or absent
     )
 
 
 def together(waiting: Iterable[Pending], *, numbered: bool = True) -> tuple[Pending, ...]:
     """Return the entries, joined by branch and values; unless `numbered`, by values."""
-    found: dict[Hashable, tuple[Pending, dict[Awaited, None]]] = {}
+    found: dict[Hashable, tuple[Pending, dict[Awaited, None], dict[AwaitedAbsence, None]]] = {}
     for one in waiting:
         place = one.branch if numbered else None, fingerprint(one.variables)
-        found.setdefault(place, (one, {}))[1].update(dict.fromkeys(one.awaited))
-    return tuple(Pending(one.branch if numbered else None, tuple(all_), one.variables) for one, all_ in found.values())
+        _, all_, absent = found.setdefault(place, (one, {}, {}))
+        all_.update(dict.fromkeys(one.awaited))
+        absent.update(dict.fromkeys(one.absent))
+    return tuple(
+        Pending(one.branch if numbered else None, tuple(all_), one.variables, tuple(absent))
+        for one, all_, absent in found.values()
+    )
 
 
 def awaited(tree: RVAFT, names: Iterable[str]) -> tuple[Awaited, ...]:

@@ -28,6 +28,7 @@ from rvaft.engine.explanation import (
     FoundMatch,
     MatchSearch,
     Step,
+    Waiting,
     explained_match,
     explanation_of,
     kept_nodes,
@@ -370,7 +371,7 @@ class _InstanceSearch(MatchSearch):
                 chosen[unit.names[node]] = tuple(kept for child, kept in pairs if child in taken)
         return FoundMatch([step for _, step in steps], kept_nodes(self.prop.tree, chosen))
 
-    def waiting(self, choices: Choices | None) -> Iterator[tuple[Iterable[str], Mapping[str, Json]]]:
+    def waiting(self, choices: Choices | None) -> Iterator[Waiting]:
         """Iterate over the awaited nodes under these choices, by the values of the key."""
         for number, name, state in self._strategy.living:
             run = self._strategy.runs[number]
@@ -380,7 +381,7 @@ class _InstanceSearch(MatchSearch):
                 names = {
                     *run.awaits(own, without, self._strategy.watermark, begun=name is not None and bool(run.unit.key))
                 }
-                yield names, _values(run.unit, name, state)
+                yield Waiting(names, _values(run.unit, name, state))
 
     def is_possible(self, gate: str, child: str) -> bool:
         """Return False if no match can keep this child of a choice."""

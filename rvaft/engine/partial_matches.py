@@ -12,6 +12,7 @@ from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.model.guards import Predicate
 from rvaft.model.nodes import Side
 from rvaft.model.values import Json, equal
+from rvaft.monitors import AwaitedAbsence
 from rvaft.support.bits import bits, mask_of
 
 REMEMBERED: Final = 10_000
@@ -73,6 +74,30 @@ class Matching:
         if not flags & TOUCHED or flags & MORE:
             return True
         return clause.part.side is Side.AFTER and not configuration.decided >> clause.node & 1
+
+    def open_clauses(self, configuration: Configuration) -> list[Clause]:
+        """Return the clauses that a later event may break, whatever other events follow."""
+        found = list[Clause]()
+        for clause in self.compiled.clauses.values():
+            flags = self.part_flags(configuration, clause.target)
+            match clause.part.side:
+                case Side.DURING:
+                    is_open = flags & TOUCHED and flags & MORE
+                case Side.AFTER:
+                    is_open = flags & TOUCHED and flags & DONE and not configuration.decided >> clause.node & 1
+                case Side.BEFORE:
+                    is_open = False
+            found += [clause] if is_open else []
+        return found
+
+    def awaited_absences(self, configuration: Configuration) -> list[AwaitedAbsence]:
+        """Return the events that must not come until a time."""
+        found = list[AwaitedAbsence]()
+        for clause in self.open_clauses(configuration) if self.compiled.clauses else ():
+            end = configuration.binding.get(self.compiled.register(clause.target).greatest)
+            if clause.part.duration is not None and type(end) is int:
+                found.append(AwaitedAbsence(clause.place[0], clause.event, end + clause.part.duration))
+        return found
 
     def marked(self, configuration: Configuration, mark: Mark, node: int, position: int) -> Configuration | None:
         """Return the partial match after a mark at a node, or None if it is ruled out."""

@@ -7,10 +7,10 @@ from typing import Final
 from rvaft.core.passes import with_choices
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import SURE, TOUCHED, Configuration, Mark, Witness, events_of, history
-from rvaft.engine.explanation import Choices, CompiledSearch, FoundMatch, Step, found_match
+from rvaft.engine.explanation import Choices, CompiledSearch, FoundMatch, Step, Waiting, found_match
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.values import Json, fingerprint
-from rvaft.monitors import DEFAULT_BRANCHES
+from rvaft.monitors import DEFAULT_BRANCHES, AwaitedAbsence
 from rvaft.support.bits import mask_of
 
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
@@ -48,9 +48,9 @@ class ReplaySearch(CompiledSearch):
                     return found_match(matching.compiled, steps, _scenario(matching, match))
         return None
 
-    def waiting(self, choices: Choices | None) -> Iterable[tuple[Iterable[str], Mapping[str, Json]]]:
+    def waiting(self, choices: Choices | None) -> Iterable[Waiting]:
         """Return the awaited nodes under these choices, by the values of variables."""
-        found: dict[Hashable, tuple[set[str], Mapping[str, Json]]] = {}
+        found: dict[Hashable, tuple[set[str], Mapping[str, Json], dict[AwaitedAbsence, None]]] = {}
         for matching in self._under(choices):
             replayed = list(self._replayed(matching, self._histories))
             # the partial matches of this branch have been subsumed
@@ -61,9 +61,11 @@ class ReplaySearch(CompiledSearch):
                 ]
                 replayed = list(self._replayed(matching, rest)) or list(self._replayed(matching, [[]]))
             for match in replayed:
-                names = found.setdefault(fingerprint(match.binding), (set(), dict(match.binding)))[0]
+                place = fingerprint(match.binding)
+                names, _, absent = found.setdefault(place, (set(), dict(match.binding), {}))
                 names.update(matching.admitted(match))
-        return found.values()
+                absent.update(dict.fromkeys(matching.awaited_absences(match)))
+        return [Waiting(names, variables, tuple(absent)) for names, variables, absent in found.values()]
 
     @cached_property
     def came(self) -> frozenset[int]:

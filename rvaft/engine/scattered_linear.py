@@ -33,6 +33,7 @@ from rvaft.engine.explanation import (
     CompiledSearch,
     FoundMatch,
     Step,
+    Waiting,
     explained_match,
     explanation_of,
     found_match,
@@ -488,9 +489,9 @@ class _LinearSearch(CompiledSearch):
         steps = _steps(self.compiled, {node: run.fired[node] for node in kept if node in run.fired})
         return found_match(self.compiled, sorted(steps, key=lambda step: step.position), kept)
 
-    def waiting(self, choices: Choices | None) -> Iterable[tuple[Iterable[str], Mapping[str, Json]]]:
+    def waiting(self, choices: Choices | None) -> Iterable[Waiting]:
         """Return the awaited nodes under these choices; no variable is bound."""
-        return [([self.compiled.names[node] for node in self._run(choices or {}).awaited()], {})]
+        return [Waiting([self.compiled.names[node] for node in self._run(choices or {}).awaited()], {})]
 
     @cached_property
     def came(self) -> frozenset[int]:

@@ -43,7 +43,7 @@ def _strategy(prop: Property, semantics: Semantics, limit: int, *, measured: boo
     compiled = CompiledTree(prop)
     letters = TreeLetters(compiled, decide=semantics is Semantics.SCATTERED)
     if compiled.clauses:
-        return AbsentEvents(compiled, letters, semantics, limit=limit)
+        return AbsentEvents(compiled, letters, semantics, limit=limit, early=not measured)
     if semantics is not Semantics.SCATTERED:
         if semantics is not Semantics.CONSECUTIVE and len(compiled.names) > SMALL:
             return Contiguous(compiled, letters, semantics, limit=limit)

@@ -17,6 +17,7 @@ class Progress(NamedTuple):
     - `taken`: the positions of the events of the nodes taken.
     - `dead`: the nodes whose guards failed.
     - `unfit`: the nodes that need an event beside those taken, or that no scenario has.
+    - `ended`: the nodes whose part can have no more events.
     - `broken`: windows over shared nodes that need one if two elements are below them.
     - `exact`: whether all nodes taken belong to one scenario.
     - `awaited`: the names of the awaited nodes of the partial match with only the given nodes.
@@ -25,6 +26,7 @@ class Progress(NamedTuple):
     taken: Mapping[int, int]
     dead: Collection[int] = ()
     unfit: Collection[int] = ()
+    ended: Collection[int] = ()
     broken: Collection[tuple[int, int, int]] = ()
     exact: bool = True
     awaited: Callable[[Collection[int]], Collection[str]] = lambda _: ()

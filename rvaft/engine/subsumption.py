@@ -47,7 +47,7 @@ over choices, the least and the greatest time so far are remembered.
 All other variables are compared for equality (`fingerprint`).
 """
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from itertools import chain
 from operator import ge
 from typing import Final, NamedTuple, assert_never
@@ -272,10 +272,7 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
                 fixed.add(name)
     for register in registers:
         both = _interval(register)
-        if matching.is_window(register.node):
-            terms.update(dict.fromkeys(both))
-        for clause in compiled.clauses_of.get(register.node, ()):  # the earlier a deadline, the earlier the verdict
-            terms[both[0] if clause.part.side is Side.AFTER else both[1]] = None
+        terms.update(dict.fromkeys(_compared(matching, register, both)))
         if matching.early and register.node in compiled.windows and register.node not in compiled.members:
             extents[both] = compiled.windows[register.node]
     for sign, extreme in [*terms]:
@@ -296,6 +293,14 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
             extent = Extent(rising.index(last), most)
             break
     return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(inequalities), above_watermark, extent)
+
+
+def _compared(matching: Matching, register: Register, both: tuple[Term, Term]) -> Iterator[Term]:
+    """Yield the terms of a register that matter: of `for D after`, the end."""
+    if matching.is_window(register.node):
+        yield from both
+    for clause in matching.compiled.clauses_of.get(register.node, ()):
+        yield both[0] if clause.part.side is Side.AFTER else both[1]
 
 
 def _interval(register: Register) -> tuple[Term, Term]:

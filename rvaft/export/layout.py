@@ -81,7 +81,9 @@ def marks(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> 
         notes[name] = several if len(numbers) > 1 else tuple(_note(numbers[0], events.get(numbers[0]), tree))
     kept = {**dict.fromkeys(notes, frozenset[str]()), **scenario}
     title = _title(explanation.branch, explanation.kinds)
-    below = [title] * bool(title) + [f"{name} = {_written(value)}" for name, value in explanation.bound(tree).items()]
+    absent = [cut(absence.text, 2 * LONGEST) for absence in explanation.absences]
+    values = [f"{name} = {_written(value)}" for name, value in explanation.bound(tree).items()]
+    below = [title] * bool(title) + absent + values
     return Marks(kept, notes, tuple(below))
 
 

@@ -123,6 +123,7 @@ def explained(
         "branch": explanation.branch,
         "kinds": sorted(kind.value for kind in explanation.kinds),
         "matched": matched,
+        **({"absent": [one._asdict() for one in explanation.absences]} if explanation.absences else {}),
         "variables": finite(explanation.bound(tree)),
     }
 
@@ -133,6 +134,7 @@ def expected(pending: Sequence[Pending]) -> list[Json]:
         {
             "branch": record.branch,
             "awaited": [{"node": awaited.node, "event": awaited.event} for awaited in record.awaited],
+            **({"absent": [{"node": a.node, "event": a.event} for a in record.absent]} if record.absent else {}),
             "variables": finite(dict(record.variables)),
         }
         for record in pending

@@ -33,7 +33,7 @@ from rvaft.model.event_time import TimeFormat
 from rvaft.model.expressions import CLAUSES, GATES
 from rvaft.model.guards import FUNCTIONS, NUMERIC, ORDERINGS, POINTS, Operation, Operator, walk
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.nodes import Causality, Gate, Kind
+from rvaft.model.nodes import Causality, Gate, Kind, Side
 from rvaft.model.patterns import ListPattern, Literal, Pattern, SomeItem, Variable, rigid_variables, variables, ways
 from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.tree import RVAFT
@@ -79,7 +79,8 @@ CONSTRUCTS: Final = frozenset(
         *Gate,
         *Causality,
         *POINTS,
-        *(clause for clause in CLAUSES if clause not in (*Kind, "label")),
+        *(clause for clause in CLAUSES if clause not in (*Kind, "label", "without")),
+        *(f"without, {side}" for side in Side),
         *(pattern.__name__ for pattern in get_args(Pattern)),
         *("ignore", "late", "shared", "a variable over two events", "a variable of some item", "when, on a gate"),
     }

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from rvaft.api import (
         RVAFT,
+        Absence,
         Awaited,
+        AwaitedAbsence,
         Backend,
         Branch,
         Causality,
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
         RvaftError,
         Semantics,
         Severity,
+        Side,
         Specification,
         TooLarge,
         ToolFailed,
@@ -45,6 +48,7 @@ if TYPE_CHECKING:
         TreeError,
         UnknownBackend,
         Verdict,
+        Without,
         WrongType,
         all_backends,
         branches,
@@ -63,7 +67,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "RVAFT",
+    "Absence",
     "Awaited",
+    "AwaitedAbsence",
     "Backend",
     "Branch",
     "Causality",
@@ -89,6 +95,7 @@ __all__ = [
     "RvaftError",
     "Semantics",
     "Severity",
+    "Side",
     "Specification",
     "TooLarge",
     "ToolFailed",
@@ -100,6 +107,7 @@ __all__ = [
     "UnknownBackend",
     "UnknownFormat",
     "Verdict",
+    "Without",
     "WrongType",
     "__version__",
     "all_backends",

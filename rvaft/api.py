@@ -33,16 +33,18 @@ from rvaft.export.property_text import property_text
 from rvaft.language.draft import Draft, no_collections
 from rvaft.language.parser import TreeOptions, parse, parse_file
 from rvaft.language.printer import dumps
-from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
+from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Side, Topic, Without
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending, Repetition
+from rvaft.monitors import Absence, Awaited, AwaitedAbsence, Ended, Explanation, Monitor, Pending, Repetition
 from rvaft.rules import check_draft, check_tree, require_valid, valid_part
 from rvaft.rules.rule import Finding, Severity
 
 __all__ = [
     "RVAFT",
+    "Absence",
     "Awaited",
+    "AwaitedAbsence",
     "Backend",
     "Branch",
     "Causality",
@@ -67,6 +69,7 @@ __all__ = [
     "RvaftError",
     "Semantics",
     "Severity",
+    "Side",
     "Specification",
     "TooLarge",
     "ToolFailed",
@@ -77,6 +80,7 @@ __all__ = [
     "TreeError",
     "UnknownBackend",
     "Verdict",
+    "Without",
     "WrongType",
     "all_backends",
     "branches",

@@ -389,14 +389,33 @@ class Build(Transformer[Token, Any]):
         return Clause("withins", items[0], self.duration(items[1:]).value.value)
 
     def without(self, items: Items) -> Clause:
-        token, (_, on), when, guard, _, duration, side = items
+        return self._without(*items)
+
+    def guarded_without(self, items: Items) -> Clause:
+        token, call, when, guard, _, duration, side = items
+        return self._without(token, call, when, guard, duration, side)
+
+    def timed_without(self, items: Items) -> Clause:
+        token, call, _, duration, side = items
+        return self._without(token, call, duration=duration, side=side)
+
+    def sided_without(self, items: Items) -> Clause:
+        token, call, side = items
+        return self._without(token, call, side=side)
+
+    def _without(
+        self,
+        token: Token,
+        call: tuple[Token, On],
+        when: Token | None = None,
+        guard: Operand | None = None,
+        duration: Token | None = None,
+        side: Token | None = None,
+    ) -> Clause:
+        on = call[1]
         condition = None if guard is None else self._condition(guard, when)
-        if time_points(condition):
+        if when is not None and time_points(condition):
             raise Slip("the guard of a `without` applies to one event and cannot use time points of nodes", when)
-        if duration is not None and side is None:
-            raise Slip("say where no such event may be: `for 5 s after` or `for 5 s before`", duration)
-        if duration is None and side == Side.AFTER:
-            raise Slip("`after` needs a duration, as in `for 5 s after`: a log never says that nothing will come", side)
         length = None if duration is None else self.duration([duration]).value.value
         found = Without(on, condition, Side.DURING if side is None else Side(side), length)
         return Clause("withouts", token, found)

@@ -104,7 +104,7 @@ def _lacking(known: Iterable[str], scenario: Scenario, part: Without) -> str:
             if name not in bound:
                 when = "when its events end" if part.side is Side.AFTER else "when its first event comes"
                 there = "bind it there or before, or write a variable of the clause's own"
-                guess = did_you_mean(name, known)
+                guess = did_you_mean(name, (one for one in known if one != name))
                 return f"variable {name} is not bound {when} in {branch_of(scenario.kept)}; {there}{guess}"
     return ""
 

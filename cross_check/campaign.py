@@ -177,6 +177,7 @@ def parts_of_language(tree: RVAFT) -> Iterator[str]:
         "pand": any(node.gate == "pand" for node in nodes),
         "times": any(node.times > 1 for node in nodes),
         "within": any(node.within is not None for node in nodes),
+        "without": bool(tree.absences),
         "at, start, end": any(time_points(node.when) for node in nodes),
         "late": tree.time is not None and tree.time.late is not None,
         "functions": any(operator in FUNCTIONS | {Operator.IN} for operator in operators),

@@ -141,6 +141,7 @@ class _Pair:
     @classmethod
     def of(cls, tree: RVAFT, trace: Iterable[Json]) -> "_Pair":
         calls = [node.on for node in tree.nodes.values()] + [ignore.on for ignore in tree.ignores]
+        calls += [clause.on for node in tree.nodes.values() for clause in node.without]
         return cls(
             tree.root,
             {name: replace(node, on=None, declared=True, places={}) for name, node in tree.nodes.items()},
@@ -171,6 +172,8 @@ class _Pair:
         own = {name: call(self.patterns[name]) for name in self.nodes if name in self.patterns}
         nodes = [replace(node, on=own.get(name)) for name, node in self.nodes.items()]
         ignores = [Ignore(call(pattern), when) for pattern, when in self.ignores]
+        declared = {event.name: event for _, event in self.calls.values()}
+        used.update((one.on.event, declared[one.on.event]) for node in nodes for one in node.without)
         return RVAFT(self.root, nodes, used.values(), ignores=ignores, **self.stated)
 
     @property
@@ -209,6 +212,7 @@ class _Pair:
         guards = [when for when in (*(node.when for node in nodes), *(when for _, when in self.ignores)) if when]
         gates = sum(1 + _SIMPLEST.index(node.gate) + (node.threshold or 0) for node in nodes if node.gate)
         notes = sum((node.kind is not None) + (node.label is not None) + len(node.attributes) for node in nodes)
+        notes += sum(3 + 3 * (one.when is not None) + _length(one.duration) for node in nodes for one in node.without)
         notes += sum(node.times - 1 + _length(node.within) for node in nodes) + (self.stated["semantics"] is not None)
         if self.time is not None:
             form = self.time.format
@@ -438,6 +442,10 @@ def _simpler_nodes(pair: _Pair) -> Iterator[_Pair]:
         simpler += [{"threshold": threshold} for threshold in range(1, node.threshold or 1)]
         simpler += [{"times": times} for times in sorted({1, node.times - 1}) if times]
         simpler += [{"within": within} for within in _shorter(node.within)]
+        for place, clause in enumerate(node.without):
+            changed = [] if clause.when is None else [replace(clause, when=None)]
+            changed += [replace(clause, duration=one) for one in _shorter(clause.duration) if one is not None]
+            simpler += [{"without": _spliced(node.without, place, *some)} for some in ((), *zip(changed))]
         yield from (pair.having(replace(node, **changes)) for changes in simpler)
 
 

@@ -9,7 +9,7 @@ from functools import partial
 from random import Random
 from typing import Final, TypeAlias
 
-from cross_check.generate.times import Schedule, in_between, timed, walked
+from cross_check.generate.times import SECOND, Schedule, in_between, timed, walked
 from cross_check.generate.values import (
     LOGGED,
     Demand,
@@ -23,7 +23,7 @@ from cross_check.generate.values import (
 from cross_check.letters import answers
 from rvaft.backend import Observed
 from rvaft.core.passes import property_of
-from rvaft.core.property import AtLeast, Condition, EndInOrder, Event, One, Part, Property, Times, fewest
+from rvaft.core.property import AtLeast, Condition, EndInOrder, Event, One, Part, Property, Times, Without, fewest
 from rvaft.core.scenario_space import (
     Edge,
     Fewest,
@@ -40,6 +40,7 @@ from rvaft.core.scenarios import Kept, is_constant
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.guards import holds, time_points
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import Anything, Binding, Literal, Pattern, match, rigid_variables
 from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.model.values import Json
@@ -49,7 +50,7 @@ from rvaft.rules.rule import listing
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:
     """Return an event: mostly one that matches a pattern, else two, disturbed, or irrelevant."""
-    patterns = [entry.pattern for entry in tree.alphabet]
+    patterns = [*(entry.pattern for entry in tree.alphabet), *(pattern for _, _, pattern in tree.absences)]
     dice = random.random()
     if dice < 0.05:
         return {"noise": random.choice(values)}
@@ -95,6 +96,11 @@ def noise(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json | None:
 def is_relevant(tree: RVAFT, event: Json) -> bool:
     """Return whether the event matches a runtime event, without its guard, and is not ignored."""
     return any(match(entry.pattern, event, {}) is not None for entry in tree.alphabet) and not is_ignored(tree, event)
+
+
+def may_break(tree: RVAFT, event: Json) -> bool:
+    """Return whether the event matches an absent event, for some values of variables."""
+    return any(match(pattern, event, {}) is not None for _, _, pattern in tree.absences)
 
 
 def is_ignored(tree: RVAFT, event: Json) -> bool:
@@ -349,7 +355,9 @@ def guided(
         try:
             order = scenarios.order(random, kept)
             if longest is None or len(order) <= longest:
-                return making.noisy(making.trace(kept, order))
+                trace = making.trace(kept, order)
+                if making.has_times(kept, order, trace):
+                    return making.decided(kept, making.noisy(trace))
             shortest = len(order) if shortest is None else min(shortest, len(order))
         except Cyclic as cyclic:
             scenarios.ban(random, cyclic.edges)
@@ -436,6 +444,25 @@ class _Making:
             event = {**some_event(self.random, self.tree, values), **event}
         return event
 
+    def has_times(self, kept: Kept, order: list[str], trace: list[Json]) -> bool:
+        """Return whether the events that absent events are timed by have times."""
+        time = self.tree.time
+        timed_ = (part for part in kept if isinstance(part, Without) and part.duration is not None)
+        roots: list[Part] = [*timed_]
+        nodes = {node_of(inner) for part in roots for inner in reachable(part, kept.__getitem__)}
+        pairs = zip(order, trace, strict=True)
+        return time is None or all(time.read(event) is not None for name, event in pairs if name in nodes)
+
+    def decided(self, kept: Kept, trace: list[Json]) -> list[Json]:
+        """Return the trace with a time after which no absent event can come any more."""
+        after = [part.duration or 0 for part in kept if isinstance(part, Without) and part.side is Side.AFTER]
+        time = self.tree.time
+        if not after or time is None:
+            return trace
+        known = [now for event in trace if (now := time.read(event)) is not None]
+        last = max(known) + max(after) + (time.late or 0) + SECOND
+        return [*trace, timed(self.random, self.tree, {}, last, plain=True)]
+
     def noisy(self, trace: list[Json]) -> list[Json]:
         """Return the trace with harmless noise events; `strict` allows none."""
         result = list(trace)
@@ -444,7 +471,7 @@ class _Making:
             room = _NOISE if longest is None else min(_NOISE, longest - len(trace))
             for _ in range(self.random.randint(0, max(room, 0))):
                 event = self._noise()
-                if event is not None:
+                if event is not None and not may_break(self.tree, event):
                     at = self.random.randint(0, len(result))
                     there = in_between(self.random, self.tree, result, at, event, plain=self.look is not None)
                     harmless = self.semantics is Semantics.SCATTERED or not is_relevant(self.tree, there)

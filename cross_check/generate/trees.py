@@ -17,7 +17,21 @@ from rvaft.errors import TreeError
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
-from rvaft.model.nodes import Argument, Assumption, Causality, EventType, Gate, Ignore, Kind, Node, On, Topic, ValueType
+from rvaft.model.nodes import (
+    Argument,
+    Assumption,
+    Causality,
+    EventType,
+    Gate,
+    Ignore,
+    Kind,
+    Node,
+    On,
+    Side,
+    Topic,
+    ValueType,
+    Without,
+)
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -68,6 +82,8 @@ class Shape:
     """A guard on variables gets a function."""
     assumptions: float = 0.15
     """Parameters have types, and the tree states assumptions."""
+    absences: float = 0.1
+    """Some nodes have absent events."""
     lists: float = 0.1
     """Event types look for some item of a list."""
 
@@ -75,8 +91,8 @@ class Shape:
 PLAIN: Final = Shape(**{part.name: 0 for part in fields(Shape) if isinstance(part.default, float)})
 """Trees over default events, without sharing."""
 
-VARIABLE_FREE: Final = Shape(variables=0, times=0, lists=0)
-"""Everything except variables and times; guards are constant."""
+VARIABLE_FREE: Final = Shape(variables=0, times=0, lists=0, absences=0)
+"""Everything except variables, times and absent events; guards are constant."""
 
 
 def random_tree(random: Random, shape: Shape = Shape(), *, attempts: int = 200) -> RVAFT:
@@ -288,6 +304,10 @@ class _Additions:
     def tree(self) -> RVAFT:
         r, old = self.random, self.old
         nodes = [self._node(node) for node in old.nodes.values()]
+        apart = _apart(r)
+        if apart.random() < self.shape.absences * self.share:
+            for place in apart.sample(range(len(nodes)), min(2, len(nodes))):
+                nodes[place] = replace(nodes[place], without=(self._absent(apart),))
         if not self.timed and nodes == [*old.nodes.values()]:
             return old
         late = r.choice(_DURATIONS) if self._so(0.3) else None
@@ -313,6 +333,21 @@ class _Additions:
             guards[:0] = [] if node.when is None else [node.when]
             changes["when"] = guards[0] if len(guards) == 1 else Operation(r.choice(_JUNCTIONS), tuple(guards))
         return replace(node, **changes)
+
+    def _absent(self, r: Random) -> Without:
+        """Return an absent event, often one that the tree observes, with variables of its own or of the tree."""
+        event = r.choice([*self.old.events.values()] or EVENTS)
+        names = (*VARIABLES, "Q", "Q", "Q")
+        arguments: list[Argument] = [
+            r.choice((Variable(r.choice(names)), Anything(), Literal(r.choice(LITERALS)))) for _ in event.parameters
+        ]
+        on = On(event.name, tuple(arguments))
+        side = r.choice([*Side]) if self.timed else r.choice((Side.DURING, Side.BEFORE))
+        timed = side is Side.AFTER or (self.timed and side is Side.BEFORE and r.random() < 0.5)
+        when = None
+        if "Q" in on.variables and r.random() < 0.5:
+            when = Operation(r.choice(COMPARISONS), (Variable("Q"), Literal(r.choice(LITERALS))))
+        return Without(on, when, side, r.choice(_DURATIONS) if timed else None)
 
     def _condition(self) -> Guard:
         r, nodes = self.random, self.old.nodes

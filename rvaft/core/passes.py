@@ -552,14 +552,14 @@ def followed(prop: Property, limit: int = LIMIT) -> Property:
     for alternative in expand_times(prop).alternatives:
         with suppress(_Open):
             made = _followed(alternative, limit)
+            if any(map(_has_shared_absence, made.alternatives)):
+                made = _by_choices(alternative, limit, lambda each, left: iter(reduced(each, left).alternatives))
             roots.update(dict.fromkeys(one.root for one in made.alternatives))
     found = tuple(root for root in roots if root is not IMPOSSIBLE)
     return prop.with_root(found[0] if len(found) == 1 else One(None, found))
 
 
 def _followed(prop: Property, limit: int) -> Property:
-    if any(map(chooses, prop.parts)) and any(_is_shared_below(prop, part) for part in prop.absences):
-        return _by_choices(prop, limit, lambda each, left: iter(reduced(each, left).alternatives))
     made = prop
     if any(isinstance(part, EndInOrder) for part in prop.parts):
         try:
@@ -574,9 +574,10 @@ def _followed(prop: Property, limit: int) -> Property:
         return reduced(prop, limit)
 
 
-def _is_shared_below(prop: Property, part: Without) -> bool:
-    """Whether the part of an absent event has shared parts."""
-    return not prop.shared.isdisjoint(parts_below(part.parts[0]))
+def _has_shared_absence(prop: Property) -> bool:
+    """Whether the part of an absent event has shared parts, while scenarios differ."""
+    shared = (part for part in prop.absences if not prop.shared.isdisjoint(parts_below(part.parts[0])))
+    return any(True for _ in shared) and any(map(chooses, prop.parts))
 
 
 def _shares_below_ends(prop: Property) -> bool:

@@ -171,7 +171,7 @@ def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:
     )  # every state has all of the start's
     different, automata = 0, AutomatonBackend()
     for _ in range(40):
-        shape = Shape(max_nodes=size, sharing=0.3, variables=1, guards=0.6, typed_events=0.9, times=0)
+        shape = Shape(max_nodes=size, sharing=0.3, variables=1, guards=0.6, typed_events=0.9, times=0, absences=0)
         tree, work = random_tree(random, shape), Work(100_000)
         prop = automata.prepared(tree, semantics)
         automaton, parts, letters = _built(prop, semantics, work)

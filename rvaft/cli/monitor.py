@@ -146,6 +146,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @stream_options
 @click.option("--native", is_flag=True, help="Compile the monitor, which needs a C compiler.")
 @click.option("--follow", is_flag=True, help="Keep reading as the file grows, until Ctrl-C.")
+@options.deadline_options
 @options.log_format
 @options.strict_json
 @options.number("--jobs", default=1, text="Number of processes.")
@@ -210,6 +211,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             **{option: given[option] for option in ("per", "detections", "template")},
             form=given["form"] if given["template"] is None else "template",
             follow=given["follow"] or traces.live,
+            clock=given["clock"],
+            complete=given["complete"],
             several=traces.several,
             drawn=given["explain"] == TERMINAL,
             drawing=drawing,
@@ -262,6 +265,13 @@ def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEng
             traces.require_growing(f"--{option}", "TRACE")
     wrong = given["jobs"] > 1 and traces.streams and given["word"] is None
     options.refuse(wrong, "--jobs is for files: standard input is read by one process")
+    if given["clock"] is not None:
+        wrong = not (given["follow"] or traces.live)
+        options.refuse(wrong, "--clock needs events that arrive: --follow, or a URL; a finished log takes --complete")
+        options.refuse(given["order_by"], "--clock tells the present time, but --order-by holds events back")
+    for option in ("clock", "complete"):
+        wrong = given[option] and (given["backend"] is not None or given["native"] or engine is not None)
+        options.refuse(wrong, f"--{option} is for monitors of the engine: omit --backend, --native or --engine")
     if given["follow"] or traces.live:
         output.unblock()
 

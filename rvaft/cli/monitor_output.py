@@ -120,6 +120,10 @@ class MonitorSettings:
     hooks: Hooks
     checkpoints: CheckpointFile | None
     follow: bool
+    clock: int | None = None
+    """The period in nanoseconds in which monitors are told the time, if they are."""
+    complete: bool = False
+    """Whether the end of a log decides what waits."""
     engine: QueryEngine | None = None
     native: NativeRun | None = None
     unchosen: bool = False
@@ -248,6 +252,7 @@ class _JsonLines(Reporter):
         if not self.every and not change.detected:
             return
         record = {**self._record(change.watch, change.number, change.verdicts), "line": change.line}
+        record |= {"passed": change.passed} if change.passed else {}
         if change.number <= self.reported_before:
             record["again"] = True
         details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
@@ -309,7 +314,8 @@ class _Text(Reporter):
         changed = ", ".join(f"{titles[place]} {verdict}" for place, verdict in new_verdicts.items())
         again = " (reported before)" if change.number <= self.reported_before else ""
         at = _line(change.number, change.line)
-        yield f"{where}event {change.number}{at}: {changed if many else new_verdicts[0]}{again}"
+        passed = f" ({change.passed})" if change.passed else ""
+        yield f"{where}event {change.number}{at}{passed}: {changed if many else new_verdicts[0]}{again}"
         for which, explanation in detection.unlike(change.explanations):
             title = f"{', '.join(titles[place] for place in which)}: " if many else ""
             if self.settings.drawn:

@@ -5,11 +5,13 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
+from datetime import UTC, datetime
 from functools import partial
 from io import BytesIO, IOBase
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from threading import Timer
+from time import monotonic
 from typing import BinaryIO, Final, NamedTuple, TypeAlias, cast
 
 import click
@@ -253,6 +255,8 @@ class _Run(Listener):
         """Whether the events that are kept, for explanations and order, have all fields."""
         self._runs: Sequence[TraceRun] = ()
         """The runs of the present trace, by tree."""
+        self._told = monotonic()
+        """When the monitors were told the time."""
         self._failed = set[int]()
         """The runs whose monitors have failed, by their `id`."""
 
@@ -298,6 +302,8 @@ class _Run(Listener):
                         self.trees[0].reporter.pause(runs[0])
             for run in runs:
                 if id(run) not in self._failed:
+                    if self.settings.complete:
+                        run.finish()
                     run.end()
             ended = True
         except (RvaftError, OSError) as error:
@@ -441,6 +447,16 @@ class _Run(Listener):
             self.sink.warn(f"{kept.path}: {lacking}: events up to event {about.events} may lack others")
         return about.offset, about.line
 
+    def _tell_time(self, runs: Sequence[TraceRun]) -> None:
+        """Tell monitors that wait for it the time, if the period of the clock has passed."""
+        clock = self.settings.clock
+        if clock is not None and monotonic() - self._told >= clock / 1e9:
+            self._told = monotonic()
+            for run in runs:
+                if id(run) not in self._failed:
+                    run.pass_time(datetime.now(tz=UTC))
+            self.sink.flush()
+
     def _read(self, runs: Sequence[TraceRun], trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""
         follow, kept, sink = self.settings.follow, self.settings.checkpoints, self.sink
@@ -469,20 +485,24 @@ class _Run(Listener):
                 sink.flush()
             flushed = detected
 
+        def idle() -> None:
+            self._tell_time(runs)
+            keep()
+
         for run in runs:
             run.begin()
         with ExitStack() as stack:
             source: Iterable[Json] | LogSource = ()
             if trace.file is not None and follow and not trace.live:
                 stop = stack.enter_context(stopping())
-                stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=keep, offset=offset, line=line)
+                stream = FollowedFile(trace.file, stop=stop, changed=sink.warn, idle=idle, offset=offset, line=line)
                 stack.callback(stream.close)
             elif trace.file is not None and kept is not None:
                 stream = stack.enter_context(open_at(Path(trace.file), offset=offset, line=line))
             else:
                 source = self._source(stack, runs, trace)
             at_once, plans = self._arrives(trace), tuple(run.plan for run in runs)
-            live = stack.enter_context(_listening(trace, sink, keep))
+            live = stack.enter_context(_listening(trace, sink, idle))
             self._log = trace.log(stream or source, plans, line + 1, live, sink if follow else None)
             seldom = not follow and (kept is None or kept.every >= _OFTEN)
             by_blocks = seldom if self._log is None else not (at_once or stream)

@@ -292,10 +292,20 @@ def _duration(_context: object, _parameter: object, text: str | None) -> int | N
         raise click.BadParameter(str(error)) from None
 
 
+_CLOCK: Final = "While no event comes, tell the monitor the time this often: it decides `for D after`."
+_COMPLETE: Final = "Take the end of a log as its end, which decides `for D after`."
+
+
 def repeat_options(function: F) -> F:
     """Add `--repeat`, and `--cooldown DURATION`, which needs it."""
     repeat = click.option("--repeat", is_flag=True, help="Restart the monitor after each detection.")
     return repeat(click.option("--cooldown", metavar="DURATION", callback=_duration, help=_COOLDOWN)(function))
+
+
+def deadline_options(function: F) -> F:
+    """Add `--clock DURATION` and `--complete`, for `without ... after`."""
+    complete = click.option("--complete", is_flag=True, help=_COMPLETE)
+    return complete(click.option("--clock", metavar="DURATION", callback=_duration, help=_CLOCK)(function))
 
 
 def refuse(wrong: object, why: str) -> None:

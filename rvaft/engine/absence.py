@@ -16,6 +16,7 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from heapq import heapify, heappop, heappush
 from itertools import chain
+from math import inf
 from typing import Any, Final, NamedTuple, Self
 
 from rvaft.engine.all_matches import Following
@@ -243,6 +244,11 @@ class AbsentEvents(Following):
         """Return the verdict after the time has come, without an event."""
         self._decide(time, 0)
         return Verdict.TRUE if self._detect() else Verdict.UNKNOWN
+
+    @property
+    def deadline(self) -> float:
+        """The least time after which `pass_time` changes the state; perhaps of a match that is gone."""
+        return self._deadlines[0][0] if self._deadlines else inf
 
     def finish(self) -> Verdict:
         """Return the verdict after the end of the trace, which decides every clause."""

@@ -105,6 +105,11 @@ class Engine(Monitor):
         return self._strategy.sees_times
 
     @property
+    def deadline(self) -> float:
+        """The least time after which a later time changes the verdict; infinite if there is none."""
+        return inf if self.verdict.final else self._strategy.deadline
+
+    @property
     def joins(self) -> bool:
         """Whether events are joined with many partial matches."""
         return self._strategy.joins
@@ -182,6 +187,12 @@ class Engine(Monitor):
             if self._may_be_late and (self._latest is None or self._latest < now):
                 self.reach(now)
             self._verdict = self._strategy.pass_time(now)
+        return self._verdict
+
+    def decide(self, time: int) -> Verdict:
+        """Return the verdict after a time in nanoseconds, which makes no event late."""
+        if self._verdict is _UNKNOWN:
+            self._verdict = self._strategy.pass_time(time)
         return self._verdict
 
     def finish(self) -> Verdict:

@@ -72,6 +72,11 @@ class Strategy(ABC):
         """Return the verdict after the time has come, without an event."""
         return Verdict.UNKNOWN
 
+    @property
+    def deadline(self) -> float:
+        """The least time after which `pass_time` changes the state; infinite if there is none."""
+        return inf
+
     def finish(self) -> Verdict:
         """Return the verdict after the end of the trace."""
         return Verdict.UNKNOWN

@@ -237,7 +237,6 @@ MOST_EXCLUDED: Final = 9
 def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     """Return the ranking of a stage."""
     compiled, binding = matching.compiled, configuration.binding
-    registers = [compiled.register_of[name] for name in binding if name in compiled.register_of]
     rigid = [name for name in binding if name in compiled.mentions]
     fixed = {name for name in rigid if matching.progress.mentioned(configuration, name)}
     fixed.update(name for name in binding if name in compiled.absent_with)
@@ -270,7 +269,7 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
                 terms[Term(sign, Extreme(Operator.MAX, (name,)))] = None
             else:
                 fixed.add(name)
-    for register in registers:
+    for register in (compiled.register_of[name] for name in binding if name in compiled.register_of):
         both = _interval(register)
         terms.update(dict.fromkeys(_compared(matching, register, both)))
         if matching.early and register.node in compiled.windows and register.node not in compiled.members:

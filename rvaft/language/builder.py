@@ -393,7 +393,7 @@ class Build(Transformer[Token, Any]):
 
     def guarded_without(self, items: Items) -> Clause:
         token, call, when, guard, _, duration, side = items
-        return self._without(token, call, when, guard, duration, side)
+        return self._without(token, call, when=when, guard=guard, duration=duration, side=side)
 
     def timed_without(self, items: Items) -> Clause:
         token, call, _, duration, side = items
@@ -407,6 +407,7 @@ class Build(Transformer[Token, Any]):
         self,
         token: Token,
         call: tuple[Token, On],
+        *,
         when: Token | None = None,
         guard: Operand | None = None,
         duration: Token | None = None,

@@ -105,11 +105,19 @@ class MonitoredTrace:
 
 
 class VerdictChange:
-    """The verdicts changed by one event."""
+    """The verdicts changed by one event; or, after event `number`, by a time or the end, which `passed` names."""
 
     def __init__(
-        self, watch: MonitoredTrace, number: int, event: Json, columns: Sequence[int], line: int | None = None
+        self,
+        watch: MonitoredTrace,
+        number: int,
+        event: Json,
+        columns: Sequence[int],
+        line: int | None = None,
+        *,
+        passed: str = "",
     ) -> None:
+        self.passed = passed
         self.watch = watch
         self.number = number
         self.event = event
@@ -128,14 +136,14 @@ class VerdictChange:
     @cached_property
     def events(self) -> Mapping[int, Json]:
         """The available events in the explanations."""
-        wanted = matched_events(self.explanations.values()) - {self.number}
-        return {**self.watch.buffer.events(wanted), self.number: self.event}
+        own = {} if self.passed else {self.number: self.event}
+        return {**self.watch.buffer.events(matched_events(self.explanations.values()) - own.keys()), **own}
 
     @cached_property
     def lines(self) -> Mapping[int, int | None]:
         """The lines, or rows of a table, of `events` in the input; None if it has no lines."""
         known = {number: self.watch.buffer.lines.get(number) for number in self.events}
-        return {**known, self.number: self.line}
+        return known if self.passed else {**known, self.number: self.line}
 
     @cached_property
     def detections(self) -> Sequence[tuple[Explanation | None, frozenset[Kind], DetectionCount | None]]:

@@ -263,6 +263,18 @@ class MonitorSet:
         self.serves = serves and bool(reading.hits)
         return self._changed(number, event) if final else ()
 
+    def told(self, tell: Callable[[Monitor], Verdict], number: int) -> Sequence[int]:
+        """Tell the monitors something without an event; return the columns whose verdict changed."""
+        self.begin_again()
+        for column in self._live:
+            tell(self.monitors[column])
+        return self._changed(number, {})
+
+    @property
+    def deadline(self) -> float:
+        """The least time after which a time decides a verdict; infinite if there is none."""
+        return min((self.engines[column].deadline for column in self._live), default=inf) if self.engines else inf
+
     def reach(self, latest: int | None) -> None:
         """Set the maximum event time of all monitors."""
         for column in {0, *self._live}:

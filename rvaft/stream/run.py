@@ -4,8 +4,12 @@ A batch in which nothing can change is only counted; otherwise the events are ta
 """
 
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from datetime import datetime
+from functools import partial
+from heapq import heappop, heappush
+from math import inf
 from operator import itemgetter
 from typing import Final, TypeAlias, cast
 
@@ -15,6 +19,7 @@ from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.values import Json, JsonObject
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Verdict
+from rvaft.monitors import Monitor, Repetition
 from rvaft.readers.log import Batch
 from rvaft.stream.bulk import EventGroup, changes_nothing, groups, needs_no_warning
 from rvaft.stream.data_warnings import DataWarnings, checked
@@ -94,6 +99,10 @@ class TraceRun:
         """The last batches without late events: times, the event before them, and lines."""
         self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
+        self._deadlines: list[tuple[float, int, int, MonitoredTrace]] = []
+        """A heap of the deadlines of keys, with others that are no longer waited for."""
+        self._waiting: dict[int, float] = {}
+        """The deadlines that are waited for, by the `id` of the monitored trace."""
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """The monitored trace; with a key, the template for each value."""
         key, most = self.plan.key, self.plan.max_keys
@@ -235,6 +244,7 @@ class TraceRun:
         may_be_late, counts_all = fresh.may_be_late, fresh.counts_all
         data_warnings, semantics_hint = self.totals.data_warnings, self.totals.semantics_hint
         statistics, clock, assumed = self.totals.statistics, self.clock, self.assumed
+        sees_times = fresh.sees_times
         watch: MonitoredTrace | None = self.watch
         late: bool | None = None if self.times is None else False
         times = self.times
@@ -248,6 +258,8 @@ class TraceRun:
                 if assumed is not None and not counted:
                     data_warnings.note_broken(assumed, event, f"{prefix}event {number}")
                 if keys is not None:
+                    if sees_times:
+                        self._pass_to_all(event)
                     value = event.get(keyed_by) if keyed_by else None
                     watch = known.get((value,)) if type(value) is str else None
                     watch = watch or keys.of(event, number)
@@ -283,6 +295,8 @@ class TraceRun:
                     if times is not None:
                         monitors.reach(times.latest(place))
                     changed = monitors.step(event, number, event_kind, late=late)
+                    if sees_times and keys is not None:
+                        self._note_deadline(watch)
                     if monitors.concerned:
                         concerned.append((number, event))
                     if monitors.serves:
@@ -360,6 +374,38 @@ class TraceRun:
             for listener in self.audience.in_rows:
                 listener.events(self.watch, self._notified + 1, last, self._verdicts)
             self._notified = last
+
+    def pass_time(self, time: Json | datetime) -> None:
+        """Tell all monitors that a time has come, which changes verdicts without an event."""
+        shown = time.isoformat() if isinstance(time, datetime) else str(time)
+        self._tell(self.watches, lambda monitor: monitor.pass_time(time), f"time {shown}")
+
+    def finish(self) -> None:
+        """Tell all monitors that the trace is complete."""
+        self._tell(self.watches, lambda monitor: monitor.finish(), "end of the log")
+
+    def _note_deadline(self, watch: MonitoredTrace) -> None:
+        """Remember the deadline of a key, which events of other keys may pass."""
+        deadline = watch.monitors.deadline
+        if deadline < inf and self._waiting.get(id(watch)) != deadline:
+            self._waiting[id(watch)] = deadline
+            heappush(self._deadlines, (deadline, len(self._waiting), id(watch), watch))
+
+    def _pass_to_all(self, event: JsonObject) -> None:
+        """Decide the deadlines of all keys that the time of an event has passed."""
+        time = None if self.plan.monitors.time is None else self.plan.monitors.time.read(event)
+        while time is not None and self._deadlines and self._deadlines[0][0] < time:
+            deadline, _, name, watch = heappop(self._deadlines)
+            if self._waiting.get(name) == deadline:
+                del self._waiting[name]
+                self._tell([watch], partial(_decided, time=time), "event of another key")
+                self._note_deadline(watch)
+
+    def _tell(self, watches: Iterable[MonitoredTrace], tell: Callable[[Monitor], Verdict], passed: str) -> None:
+        for watch in watches:
+            changed = watch.monitors.told(tell, self.number)
+            if changed:
+                self.notify(VerdictChange(watch, self.number, {}, changed, passed=passed))
 
     def notify(self, change: VerdictChange) -> None:
         """Notify listeners of a change, after the events before it."""
@@ -565,6 +611,8 @@ class TraceRun:
                 self.keys.restore(watch, key)
         if self.keys is not None:
             self.keys.resume(keyed)
+            for watch in self.keys.traces if self.plan.monitors.sees_times else ():
+                self._note_deadline(watch)
 
     def end(self) -> None:
         """Notify listeners of a regular end."""
@@ -596,6 +644,14 @@ class TraceRun:
         for part in (self.keys, self.clock, self.ordering, self.distinct):
             if part is not None:
                 yield from part.warnings
+
+
+def _decided(monitor: Monitor, time: int) -> Verdict:
+    """Tell the engine in a monitor that a time of another key has come."""
+    if isinstance(monitor, Repetition):
+        monitor.begin_again()
+        monitor = monitor.current
+    return monitor.decide(time) if isinstance(monitor, Engine) else monitor.verdict
 
 
 def _numbered(some: Iterable[EventGroup], events: Iterable[Placed], before: int) -> list[Placed]:

@@ -39,11 +39,11 @@ from rvaft.core.scenario_space import (
 from rvaft.core.scenarios import Kept, is_constant
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
-from rvaft.model.guards import holds, time_points
+from rvaft.model.guards import holds, time_points, variables
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import Anything, Binding, Literal, Pattern, match, rigid_variables
-from rvaft.model.tree import RVAFT, find_cycle, reachable
-from rvaft.model.values import Json
+from rvaft.model.tree import RVAFT, find_cycle, own_name, reachable
+from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.rules.rule import listing
 
@@ -382,12 +382,18 @@ class _Making:
         self.others = interesting_values(tree)
         self.values: Sequence[Json] = tuple(random.choice(self.others) for _ in range(4))
         self.look = LogValues(random, tree) if manner.believable else None
+        self._seen: dict[str, list[list[Json]]] = {}
+        """The different values that counted events have so far, by node."""
 
     def trace(self, kept: Kept, order: list[str]) -> list[Json]:
         """Return an event per occurrence, in order; raises `Unmet`."""
         events: dict[str, Json] = {}
 
+        self._seen.clear()
+
         def passes(name: str, binding: Binding) -> bool:
+            if self.tree.nodes[name].own_values:
+                return True
             for build in range(_BUILDS):
                 event = self._event(patterns[name], binding, self.values if build < _BUILDS // 4 else self.others)
                 if not is_ignored(self.tree, event):
@@ -396,7 +402,8 @@ class _Making:
             return False
 
         conditions = (part for part in kept if isinstance(part, Condition))
-        every = (demand for part in conditions for demand in guard_demands(part.source.node, part.guard))
+        single = (part for part in conditions if not self.tree.nodes[part.source.node].own_values)
+        every = (demand for part in single for demand in guard_demands(part.source.node, part.guard))
         demands = [demand for demand in every if not time_points(demand.guard)]
         patterns = {name: self.tree.pattern(name) or Anything() for name in order}
         if self.semantics.projects and self.tree.ignores:
@@ -407,7 +414,7 @@ class _Making:
         if self.tree.time is not None:
             schedule = Schedule(self.random, self.prop, kept, order, binding, plain=self.look is not None)
             return self._timed(schedule)
-        return [events[name] if name in events else self._event(patterns[name], binding, self.values) for name in order]
+        return [events[name] if name in events else self._event_of(name, binding) for name in order]
 
     def _timed(self, schedule: Schedule) -> list[Json]:
         tree, plain = self.tree, self.look is not None
@@ -417,7 +424,7 @@ class _Making:
             binding = schedule.bound(times)
             events = []
             for name, time, free in zip(schedule.order, times, schedule.free, strict=True):
-                event = self._event(tree.pattern(name) or Anything(), binding, self.values)
+                event = self._event_of(name, binding)
                 events.append(timed(self.random, tree, event, time, plain=plain) if free else event)
             right = tree.time is None or [*map(tree.time.read, events)] == times
             if right and (self.semantics is Semantics.STRICT or not any(is_ignored(tree, event) for event in events)):
@@ -435,6 +442,23 @@ class _Making:
             except Unmet:
                 continue
         return ValueSearch(self.random, self.look.values, self.others).meeting(demands, names)
+
+    def _event_of(self, name: str, binding: Binding) -> Json:
+        """Return an event of a node; a counted one may have values of its own. Raises `Unmet`."""
+        node, pattern, guard = self.tree.nodes[name], self.tree.pattern(name) or Anything(), self.tree.guard(name)
+        if not node.own_values:
+            return self._event(pattern, binding, self.values)
+        seen = self._seen.setdefault(name, [])
+        for _ in range(_BUILDS):
+            some = [*self.values, *self.others, *(self.random.randint(-9, 9_999) for _ in range(len(self.others) + 4))]
+            own = {own_name(one): self.random.choice(some) for one in node.own_values}
+            values = [own[own_name(one)] for one in node.distinct]
+            known = {**binding, **own}
+            fits = guard is None or not known.keys() >= {*variables(guard)} or holds(guard, known)
+            if fits and not any(all(map(equal, values, others)) for others in seen if values):
+                seen.append(values)
+                return self._event(pattern, known, self.values)
+        raise Unmet([Demand(name, (), lambda _: False, guard)])
 
     def _event(self, pattern: Pattern, binding: Binding, values: Sequence[Json]) -> Json:
         if self.look is not None:

@@ -17,6 +17,7 @@ from rvaft.errors import TreeError
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
+from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import (
     Argument,
     Assumption,
@@ -322,6 +323,7 @@ class _Additions:
             changes["gate"] = Gate("pand")
         if node.leaf and node.has_event and self._so(self.shape.counted):
             changes["times"] = r.choice((2, 2, 3))
+            changes |= self._own_values(node)
         if node.gate is not None and self.timed and self._so(0.4):
             changes["within"] = r.choice(_DURATIONS)
         guards: list[Guard] = []
@@ -333,6 +335,16 @@ class _Additions:
             guards[:0] = [] if node.when is None else [node.when]
             changes["when"] = guards[0] if len(guards) == 1 else Operation(r.choice(_JUNCTIONS), tuple(guards))
         return replace(node, **changes)
+
+    def _own_values(self, node: Node) -> dict[str, tuple[str, ...]]:
+        """Return variables with a value of their own in each counted event, sometimes."""
+        apart, others = _apart(self.random), [one for one in self.old.nodes.values() if one is not node]
+        used = {name for one in others for name in (one.on.variables if one.on is not None else ())}
+        used |= {name for one in others for name in guard_variables(one.when)}
+        free = [name for name in (node.on.variables if node.on is not None else ()) if name not in used]
+        if not free or apart.random() < 0.4:
+            return {}
+        return {apart.choice(("distinct", "distinct", "each")): (free[0],)}
 
     def _absent(self, r: Random) -> Without:
         """Return an absent event, often one that the tree observes, with variables of its own or of the tree."""

@@ -23,7 +23,7 @@ from rvaft.core.property import (
     Without,
 )
 from rvaft.model.nodes import Causality, Gate, Node
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, own_name
 
 
 @lru_cache(maxsize=16)
@@ -44,7 +44,7 @@ def build(tree: RVAFT) -> Property:
             both.reverse()
         ordered: list[Part] = [Sequence(source, tuple(both))] if len(both) > 1 else both
         if node.when is not None:
-            ordered.append(Condition(source, node.when))
+            ordered.append(Condition(source, tree.guard(node.name) or node.when))
         whole = ordered[0] if len(ordered) == 1 else All(source, tuple(ordered))
         whole = whole if node.within is None else Within(source, (whole,), node.within)
         for number, clause in enumerate(node.without, 1):
@@ -59,7 +59,10 @@ def _event(tree: RVAFT, node: Node) -> Event | Times | None:
     pattern = tree.pattern(node.name)
     if pattern is None:
         return None
-    return Event(Source(node.name, 1), pattern) if node.times == 1 else Times(Source(node.name), pattern, node.times)
+    if node.times == 1 and not node.own_values:
+        return Event(Source(node.name, 1), pattern)
+    own, distinct = (tuple(map(own_name, names)) for names in (node.own_values, node.distinct))
+    return Times(Source(node.name), pattern, node.times, own, distinct)
 
 
 def _below(node: Node, parts: tuple[Part, ...]) -> Part | None:

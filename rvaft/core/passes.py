@@ -43,16 +43,19 @@ from rvaft.model.guards import (
     Operator,
     TimePoint,
     holds,
+    renamed,
     substitute,
     time_points,
     variables,
 )
 from rvaft.model.nodes import Kind
-from rvaft.model.patterns import Literal, Variable
+from rvaft.model.patterns import Literal, Pattern, Variable
 from rvaft.model.tree import RVAFT
 
 LIMIT: Final = 5_000
 """The default maximum number of alternatives that a pass makes."""
+DISTINCT: Final = 100
+"""The maximum count of a leaf of different values; each pair of events becomes a condition."""
 MOST: Final = 10_000
 """The maximum count of a leaf; each event becomes a part."""
 
@@ -139,17 +142,57 @@ def _expand_times(prop: Property, _: int) -> Property:
         node = part.source.node
         if part.count > MOST:
             raise TooLarge(f"events that {node} counts, {part.count:,}", limit=MOST, remedy="count fewer events")
-        return [Event(Source(node, number), part.pattern) for number in range(1, part.count + 1)]
+        numbers = range(1, part.count + 1)
+        return [Event(Source(node, number), renamed_pattern(part, number)) for number in numbers]
+
+    used = {name for part in prop.parts for name in _variables(part)}
+
+    def renamed_pattern(part: Times, number: int) -> Pattern:
+        own = {old: Variable(new) for old, new in own_of(part, number).items()}
+        return patterns.substitute(part.pattern, own)
+
+    def own_of(part: Times, number: int) -> dict[str, str]:
+        """Return the variables of one event in place of those that each event has."""
+        found = {}
+        for name in part.own:
+            fresh = f"{name.removeprefix('_')}_{number}"
+            while fresh in used:
+                fresh += "_"
+            found[name] = fresh
+        return found
+
+    def differences(part: Times) -> list[Condition]:
+        """Return the conditions that the values of any two events are different."""
+        names = [own_of(part, number) for number in range(1, part.count + 1)] if part.distinct else []
+        found = []
+        for later, other in enumerate(names):
+            for one in names[:later]:
+                pairs = [(Variable(one[name]), Variable(other[name])) for name in part.distinct]
+                differ: list[Guard] = [Operation(Operator.NE, pair) for pair in pairs]
+                guard = differ[0] if len(differ) == 1 else Operation(Operator.OR, tuple(differ))
+                found.append(Condition(Source(part.source.node, later + 1), guard))
+        return found
+
+    def expanded(part: Times, source: Source, guard: Guard | None) -> Part:
+        if len(part.distinct) > 0 and part.count > DISTINCT:
+            what = f"different values that {part.source.node} counts, {part.count:,}, in this form"
+            raise TooLarge(what, limit=DISTINCT, remedy="count fewer, or use the engine with semantics scattered")
+        inner: list[Part] = []
+        for event in counted(part):
+            own = None if guard is None else renamed(guard, own_of(part, event.source.number))
+            inner.append(event if own is None else All(event.source, (event, Condition(event.source, own))))
+        whole = Sequence(source, tuple(inner))
+        apart = differences(part)
+        return All(source, (whole, *apart)) if apart else whole
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
         match part:
             case Times():
-                return Sequence(part.source, tuple(counted(part)))
+                return expanded(part, part.source, None)
             case All(source=Source() as source, parts=(Times() as leaf, Condition(guard=guard))) if not time_points(
                 guard
             ):
-                guarded = (All(event.source, (event, Condition(event.source, guard))) for event in counted(leaf))
-                return Sequence(source, tuple(guarded))
+                return expanded(leaf, source, guard)
             case _:
                 return with_parts(part, parts)
 

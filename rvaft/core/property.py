@@ -61,11 +61,17 @@ class Event(_Leaf):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Times(_Leaf):
-    """`count` events that match a pattern, one after the other."""
+    """`count` events that match a pattern, one after the other.
+
+    The variables `own` of the pattern have a value of their own in each event; they are local, and so
+    are those of them in `distinct`, whose values are pairwise different.
+    """
 
     source: Source
     pattern: Pattern
     count: int
+    own: tuple[str, ...] = ()
+    distinct: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from rvaft.api import narrowed, resolve_semantics
 from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
-from rvaft.core.classifier import TreeReads
+from rvaft.core.classifier import Letter, TreeReads, reader
 from rvaft.core.part_numbers import PartKind
 from rvaft.core.passes import followed, of_branch
 from rvaft.core.property import All, EndInOrder, Event, One, Part, Property, Source, Times, with_parts
@@ -24,7 +24,6 @@ from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.engine.selection import measured_strategy
 from rvaft.engine.strategy import Progress
 from rvaft.errors import TooLarge, TreeError
-from rvaft.model.guards import holds
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -415,7 +414,11 @@ class Coverage:
         self._logs = 0
         self._seen: set[str] = set()
         prop = build(tree)
-        self._own = {entry.node: entry.when for entry in tree.alphabet}
+        self._own = {
+            entry.node: None if entry.when is None else reader(0, Letter(entry.pattern, entry.when)).admits
+            for entry in tree.alphabet
+        }
+        """The tests of the guards that an event decides, by node."""
         self._compiled = CompiledTree(
             prop.with_root(All(None, tuple(Event(Source(entry.node, 1), entry.pattern) for entry in tree.alphabet)))
         )
@@ -495,8 +498,8 @@ class Coverage:
         if projects and not event_class.relevant:
             return set()
         reading = self._letters.read(event, event_class)
-        found = ((self._compiled.names[node], hit.values) for hit in reading.hits for node in hit.nodes)
-        return {name for name, values in found if (own := self._own[name]) is None or holds(own, values)}
+        found = (self._compiled.names[node] for hit in reading.hits for node in hit.nodes)
+        return {name for name in found if (own := self._own[name]) is None or own(event)}
 
     def _numbered(
         self, log: str, stream: BufferedIOBase, strict_json: bool, data_warnings: DataWarnings

@@ -185,6 +185,8 @@ def _drafted(prop: Property) -> _Draft:
     for part in prop.parts:
         name = "" if part.source is None else part.source.node
         match part:
+            case Times(own=own) if own:
+                raise _NotApart
             case Event() | Times():
                 made[part] = _Draft(Op.LEAF, name, event=part)
             case Condition():

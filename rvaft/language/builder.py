@@ -15,7 +15,7 @@ from lark import Token, Transformer
 
 from rvaft.errors import OptionError
 from rvaft.language.diagnostics import FORMATS, WHOLE_NUMBER, shown
-from rvaft.language.draft import Draft, DraftNode, DraftTopic, GateUse, Located
+from rvaft.language.draft import Count, Draft, DraftNode, DraftTopic, GateUse, Located
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat, scaled
 from rvaft.model.guards import (
@@ -379,11 +379,14 @@ class Build(Transformer[Token, Any]):
         return Clause("whens", items[0], self._condition(items[1], items[0]))
 
     def times(self, items: Items) -> Clause:
-        token, number = items
+        token, number, _, distinct, _, each = items
         count = number_of(number)
         if type(count) is not int or count < 1:
             raise Slip(WHOLE_NUMBER, number)
-        return Clause("counts", token, count)
+        return Clause("counts", token, Count(count, distinct or (), each or ()))
+
+    def own_values(self, items: Items) -> tuple[str, ...]:
+        return tuple(dict.fromkeys(word.value for word in items[::2]))
 
     def within(self, items: Items) -> Clause:
         return Clause("withins", items[0], self.duration(items[1:]).value.value)

@@ -95,6 +95,14 @@ def no_collections() -> Iterator[None]:
             gc.enable()
 
 
+class Count(NamedTuple):
+    """`times number [distinct X, Y] [each Z]`."""
+
+    number: int
+    distinct: tuple[str, ...] = ()
+    each: tuple[str, ...] = ()
+
+
 UNMENTIONED: Final = "no statement mentions it"
 
 
@@ -132,7 +140,7 @@ class DraftNode:
     whens: list[Located[Guard]] = field(default_factory=list)
     kinds: list[Located[Kind]] = field(default_factory=list)
     labels: list[Located[str]] = field(default_factory=list)
-    counts: list[Located[int]] = field(default_factory=list)
+    counts: list[Located[Count]] = field(default_factory=list)
     withins: list[Located[int]] = field(default_factory=list)
     withouts: list[Located[Without]] = field(default_factory=list)
     attributes: list[Located[tuple[str, str]]] = field(default_factory=list)
@@ -154,6 +162,7 @@ class DraftNode:
 
     def build(self) -> Node:
         """Return the node, with the first of duplicate settings."""
+        count = _first(self.counts) or Count(1)
         places = {"name": self.place, **{part: where[0] for part, where in self.settings().items()}}
         use = _first(self.gates)
         return Node(
@@ -166,9 +175,11 @@ class DraftNode:
             _first(self.kinds),
             _first(self.labels),
             tuple([attribute.value for attribute in self.attributes]),
-            _first(self.counts) or 1,
+            count.number,
             _first(self.withins),
             tuple([replace(clause, place=place) for clause, place in self.withouts]),
+            count.distinct,
+            tuple(name for name in count.each if name not in count.distinct),
             places=places,
         )
 

@@ -8,6 +8,7 @@ from rvaft.errors import expect
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import (
     assumptions_text,
+    count_text,
     guard_text,
     name_text,
     on_text,
@@ -96,7 +97,7 @@ def _node_cells(node: Node) -> list[str]:
         within = [] if node.within is None else [f"within {duration_text(node.within)}"]
         gate = " ".join([word, *(name_text(child) for child in node.children), *within])
     tail = f"on {on_text(node.on)}" if node.on is not None else ""
-    tail = f"{tail} times {node.times}".lstrip() if node.times > 1 else tail
+    tail = f"{tail} {count_text(node)}".strip()
     tail += _when(node.when) + "".join(f" {without_text(clause)}" for clause in node.without)
     attributes = " ".join(f"{word_text(key)}={value_text(value)}" for key, value in node.attributes)
     label = f"label {quoted(node.label)}" if node.label is not None else ""

@@ -155,6 +155,13 @@ SIGNED_LEVEL: Final = OPERATORS[Operator.NEGATE].level
 PLAIN: Final = Style()
 
 
+def count_text(node: Node) -> str:
+    """Return the number of a leaf's events: `times 20 distinct Port`, or nothing for a single event."""
+    parts = [f"times {node.times}"] if node.times > 1 or node.own_values else []
+    parts += [f"distinct {', '.join(node.distinct)}"] if node.distinct else []
+    return " ".join([*parts, *([f"each {', '.join(node.each)}"] if node.each else [])])
+
+
 def without_text(clause: Without, style: Style = PLAIN) -> str:
     """Return a `without` as the language writes it: `without beat(Robot) for 2 s after`."""
     when = "" if clause.when is None else f"{style.word('when')} {guard_text(clause.when, style)}"

@@ -226,7 +226,8 @@ class Node:
     """One node of a tree; `threshold` is the K of a VOT gate.
 
     `times` is the number of events of a leaf, `within` the window of a gate in nanoseconds, and
-    `without` has the events that must be absent.
+    `without` has the events that must be absent. The variables `distinct` and `each` have a value of
+    their own in each of the events that a leaf counts; the values of `distinct` are different.
     `declared` is False for a child without a statement. `places` has the positions of `name`,
     `gate`, `on`, `when`, `kind` and `label`. A gate and a kind may be strings, and the children a
     list.
@@ -249,6 +250,8 @@ class Node:
     times: int = 1
     within: int | None = None
     without: tuple[Without, ...] = ()
+    distinct: tuple[str, ...] = ()
+    each: tuple[str, ...] = ()
     declared: bool = field(default=True, compare=False)
     places: Mapping[str, Place] = field(default_factory=dict, compare=False, hash=False, repr=False)
 
@@ -271,6 +274,10 @@ class Node:
             object.__setattr__(self, "children", tuple(self.children))
         for child in self.children:
             expect("a child of {}", child, str, "the name of a node, a str")
+        for what, names in (("distinct", self.distinct), ("each", self.each)):
+            if names.__class__ is not tuple:
+                expect(f"the variables of `{what}` of {{}}", names, list, "a tuple of names")
+                object.__setattr__(self, what, tuple(names))
         if self.without.__class__ is not tuple:
             expect("the absent events (`without`) of {}", self.without, list, "a tuple of Without")
             object.__setattr__(self, "without", tuple(self.without))
@@ -289,6 +296,11 @@ class Node:
     def place(self, part: str = "name") -> Place:
         """Return the position of a part of the node, or of its name if unknown."""
         return self.places.get(part) or self.places.get("name") or Place()
+
+    @property
+    def own_values(self) -> tuple[str, ...]:
+        """The variables with a value of their own in each counted event."""
+        return (*self.distinct, *self.each)
 
     @property
     def leaf(self) -> bool:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from rvaft.errors import TreeError
 from rvaft.model.event_time import EventTime
-from rvaft.model.guards import time_points
+from rvaft.model.guards import Guard, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import (
     Assumption,
@@ -180,7 +180,10 @@ class RVAFT:
         return frozenset(name for name, parents in self._parents.items() if len(parents) > 1)
 
     def pattern(self, name: str) -> Pattern | None:
-        """Return the pattern of a node's runtime event with its arguments, or None."""
+        """Return the pattern of a node's runtime event with its arguments, or None.
+
+        A variable of each counted event (`distinct`, `each`) is local: it is called `_X` instead of `X`.
+        """
         return self._patterns[name]
 
     @cached_property
@@ -189,7 +192,14 @@ class RVAFT:
         for name, node in self.nodes.items():
             default = ObjectPattern((("event", Literal(name)),)) if node.has_event else None
             found[name] = default if node.on is None else self.instantiate(node.on)
+            if node.own_values and (whole := found[name]) is not None:
+                found[name] = substitute(whole, {one: Variable(own_name(one)) for one in node.own_values})
         return found
+
+    def guard(self, name: str) -> Guard | None:
+        """Return the guard of a node, in which a variable of each counted event has another name."""
+        node = self.nodes[name]
+        return node.when if node.when is None or not node.own_values else renamed(node.when, own_names(node))
 
     def instantiate(self, on: On) -> Pattern:
         """Return the pattern of an event type with arguments for parameters.
@@ -221,7 +231,7 @@ class RVAFT:
             return self.part_of.tree.alphabet
         found: list[Relevant] = []
         for name in self.occurrences:
-            pattern, when = self._patterns[name], self.nodes[name].when
+            pattern, when = self._patterns[name], self.guard(name)
             assert pattern is not None
             own = when is not None and set(guard_variables(when)) <= set(pattern_variables(pattern))
             found.append(Relevant(name, pattern, when if own else None))
@@ -266,6 +276,16 @@ class RVAFT:
 
     def __repr__(self) -> str:
         return f"<RVAFT {self.root}: {len(self.nodes)} nodes>"
+
+
+def own_name(name: str) -> str:
+    """Return the local name of a variable of each counted event."""
+    return f"_{name}"
+
+
+def own_names(node: Node) -> dict[str, str]:
+    """Return the local names of the variables of each counted event."""
+    return {name: own_name(name) for name in node.own_values}
 
 
 def reachable(start: T, children: Callable[[T], Sequence[T]]) -> Iterator[T]:
@@ -348,6 +368,10 @@ def _check_node(node: Node, nodes: Mapping[str, Node]) -> None:
     if node.times < 1 or (node.times > 1 and not (node.leaf and node.has_event)):
         message = f"{name}: `times {node.times}` requires a leaf with an event, and a number of at least 1"
         raise TreeError(message, rule="times", nodes=[name])
+    own = () if node.on is None else node.on.variables
+    if node.own_values and (not node.leaf or len({*node.own_values} & {*own}) < len(node.own_values)):
+        message = f"{name}: `distinct` and `each` name variables of the events that the leaf counts, each once"
+        raise TreeError(message, rule="own-values", nodes=[name])
     for clause in node.without:
         side, length = clause.side, clause.duration
         if (length is None and side is Side.AFTER) or (length is not None and (side is Side.DURING or length < 0)):

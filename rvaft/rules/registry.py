@@ -28,6 +28,7 @@ DRAFT_RULES: Final = (
     # Only trees built in code break this rule: in a text an undeclared child becomes a leaf.
     Rule("unknown-child", Severity.ERROR, lambda _: ()),
     Rule("times", Severity.ERROR, structure.times),
+    Rule("own-values", Severity.ERROR, structure.own_values),
     Rule("within", Severity.ERROR, structure.within),
     Rule("without", Severity.ERROR, absences.without),
     Rule("unbound-time", Severity.ERROR, structure.unknown_time),
@@ -67,6 +68,7 @@ TREE_RULES: Final = (
     Rule("too-many-events", Severity.WARNING, times.too_many_events),
     Rule("ros-time", Severity.INFORMATION, times.ros_time),
     Rule("unstated-semantics", Severity.WARNING, times.unstated_semantics),
+    Rule("tied-values", Severity.WARNING, times.tied_values),
     Rule("undeclared", Severity.WARNING, structure.undeclared),
     Rule("unreachable", Severity.WARNING, structure.unreachable),
     Rule("unused-event", Severity.WARNING, structure.unused_event),

@@ -237,6 +237,7 @@ def unbound_variable(space: ScenarioSpace) -> Iterator[RuleReport]:
     for node in tree.top_down():
         bound_here = set(rigid_variables(tree.pattern(node.name) or Anything()))
         bound_here.update(point.name for point in time_points(node.when))
+        bound_here.update(node.own_values)
         uses += ((node, name) for name in variables(node.when) if name not in bound_here)
     bearers = {name: [space.leaf[binder] for binder in some] for name, some in binders.items()}
     sure = borne_surely(space, [(node.name, name) for node, name in uses], bearers)

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from rvaft.core.scenario_space import ScenarioSpace
-from rvaft.language.draft import UNMENTIONED, Draft, DraftTopic, GateUse, Located
+from rvaft.language.draft import UNMENTIONED, Draft, DraftNode, DraftTopic, GateUse, Located
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
@@ -74,15 +74,48 @@ def threshold(draft: Draft) -> Iterator[RuleReport]:
 def times(draft: Draft) -> Iterator[RuleReport]:
     """`times` requires a leaf with an event."""
     for node in draft.nodes.values():
-        for count, place in node.counts:
-            if count > 1 and node.gates:
+        for (count, *own), place in node.counts:
+            counts = count > 1 or any(own)
+            if counts and node.gates:
                 mend = "move it to that leaf"
                 yield RuleReport(
                     place, f"{node.name} is a gate, but `times` counts the events of a leaf; {mend}", (node.name,)
                 )
-            elif count > 1 and node.whens and not node.ons:
+            elif counts and node.whens and not node.ons:
                 message = f"{node.name} has no event to count; add one with `on`"
                 yield RuleReport(place, message, (node.name,))
+
+
+def own_values(draft: Draft) -> Iterator[RuleReport]:
+    """A variable of `distinct` or `each` stands in the event of its leaf, and at no other node."""
+    for node in draft.nodes.values():
+        for count, place in node.counts:
+            own = (*count.distinct, *count.each)
+            there = {name for on in node.ons for name in on.value.variables}
+            timed = any(time_points(guard) for guard, _ in node.whens)
+            for name in dict.fromkeys(own):
+                known = [one for one in there if one not in own]
+                elsewhere = next((other for other in draft.nodes.values() if name in _used_by(other, node)), None)
+                if name not in there:
+                    message = f"the event of {node.name} does not have {name}{did_you_mean(name, known)}"
+                    yield RuleReport(place, message, (node.name,))
+                elif elsewhere is not None:
+                    so = (
+                        f"{name} has a value of its own in each event of {node.name}, so {elsewhere.name} cannot use it"
+                    )
+                    yield RuleReport(place, f"{so}; give one of the two another name", (node.name, elsewhere.name))
+            if timed and any(name in guard_variables(guard) for guard, _ in node.whens for name in own):
+                message = f"the guard of {node.name} compares times, and values that each of its events has for itself"
+                yield RuleReport(place, f"{message}; write the times at a gate above", (node.name,))
+
+
+def _used_by(other: DraftNode, leaf: DraftNode) -> set[str]:
+    """Return the variables that a node uses; of the leaf itself, those of its absent events."""
+    found = {name for clause, _ in other.withouts for name in clause.variables}
+    if other is not leaf:
+        found |= {name for on, _ in other.ons for name in on.variables}
+        found |= {name for guard, _ in other.whens for name in guard_variables(guard)}
+    return found
 
 
 def within(draft: Draft) -> Iterator[RuleReport]:
@@ -247,6 +280,7 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
         for name in own:
             where.setdefault(name, (node.place("on"), name, (node.name,)))
         uses.update(own * min(node.times, 2))
+        uses.update(node.distinct)
         uses.update(guard_variables(node.when))
         for clause in node.without:
             uses.update((*clause.on.variables, *guard_variables(clause.when)))

@@ -11,7 +11,7 @@ from rvaft.core.scenarios import Kept
 from rvaft.core.times import point_bounds
 from rvaft.model.event_time import TextFormat, TimeFormat
 from rvaft.model.expressions import guard_text
-from rvaft.model.guards import POINTS, TimePoint, conjuncts, time_points
+from rvaft.model.guards import ORDERINGS, POINTS, Operation, TimePoint, conjuncts, time_points, variables
 from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, rigid_variables
 from rvaft.rules.rule import RuleReport, branch_of, listing
@@ -204,6 +204,24 @@ def ros_time(space: ScenarioSpace) -> Iterator[RuleReport]:
         so = "as recordings of ROS have it" if time.format is TimeFormat.NANOSECONDS else "and recordings have it as ns"
         what = f"the tree reads `time` as {time.format}, {so}, but ROSMonitoring writes seconds"
         yield RuleReport(time.place, f"{what}: give `--message-time seconds` to `rvaft serve`")
+
+
+def tied_values(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """The guard of a counted leaf orders no value that `times` demands to be equal in all its events."""
+    for node in space.tree.top_down():
+        if node.times < 2 or node.on is None:
+            continue
+        for part in conjuncts(node.when):
+            ordered = isinstance(part, Operation) and part.operator in ORDERINGS
+            tied = [one for one in variables(part) if one in node.on.variables and one not in node.own_values]
+            if ordered and tied:
+                name = tied[0]
+                problem = (
+                    f"`times {node.times}` counts events with one and the same {name}, which the guard only bounds"
+                )
+                mend = f"write `times {node.times} each {name}` if it may differ"
+                yield RuleReport(node.place("when"), f"{problem}; {mend}", (node.name,))
+                break
 
 
 def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:

@@ -375,5 +375,6 @@ def names(term: Guard | Pattern) -> set[str]:
 
 
 def bound_by(node: Node) -> set[str]:
-    """Return the variables that occur in the `on` of a node."""
-    return set() if node.on is None else {a.name for a in node.on.arguments if isinstance(a, Variable)}
+    """Return the variables that occur in the `on` of a node, but for those of each counted event."""
+    own = {*node.own_values}
+    return set() if node.on is None else {a.name for a in node.on.arguments if isinstance(a, Variable)} - own

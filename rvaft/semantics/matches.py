@@ -7,8 +7,17 @@ from rvaft.errors import TooLarge
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.semantics.events import Binding, observe, time_of
-from rvaft.semantics.reference import Observed, Partial, chosen_scenarios, decided, guards_hold, relevant, unbroken
+from rvaft.semantics.events import Binding, time_of
+from rvaft.semantics.reference import (
+    Observed,
+    Partial,
+    chosen_scenarios,
+    decided,
+    guards_hold,
+    observed,
+    relevant,
+    unbroken,
+)
 from rvaft.semantics.scenarios import Scenario
 
 Match = frozenset[tuple[str, int]]
@@ -99,11 +108,11 @@ def _served(
                 yield frozenset((scenario.observing[name].name, position) for name, position in place.items()), tried
                 limit, tried = limit - tried, 0
             continue
-        node = scenario.observing[names[len(taken)]]
         for position in positions:
             tried += 1
             if tried > limit:
                 raise TooLarge("events tried for the occurrences of a match", limit=limit)
-            found = [] if position in taken else observe(scenario.tree, node, trace[position - 1], binding)
+            event = trace[position - 1]
+            found = [] if position in taken else observed(scenario, names[len(taken)], event, binding)
             agenda += [((*taken, position), bound) for bound in found]
     yield None, tried

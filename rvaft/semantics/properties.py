@@ -31,7 +31,7 @@ from rvaft.model.nodes import Side
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
-from rvaft.semantics.events import Binding, holds, matches, names, time_of
+from rvaft.semantics.events import Binding, defined, holds, matches, names, same, time_of
 from rvaft.semantics.reference import value_key
 
 Occurrence = tuple[str, int]
@@ -74,6 +74,7 @@ class _Scenario:
             if isinstance(current, Event):
                 found[current.source.node, current.source.number] = current.pattern
             if isinstance(current, Times):
+                self.counted[current.source.node] = current
                 found |= {(current.source.node, number): current.pattern for number in range(1, current.count + 1)}
             agenda += [inner for inner in self.kept[current] if inner not in seen]
             seen.update(self.kept[current])
@@ -118,6 +119,19 @@ class _Scenario:
         return {occurrence: frozenset(found) for occurrence, found in before.items()}
 
     @cached_property
+    def counted(self) -> dict[str, Times]:
+        """The counted leaves met so far, by node."""
+        return {}
+
+    def _own(self, binding: Binding, times: Mapping[Occurrence, int | None], node: str) -> list[Binding]:
+        """Return the values that each event there of a counted leaf has for itself, or one entry."""
+        part = self.counted.get(node)
+        if part is None or not part.own:
+            return [{}]
+        numbers = sorted(number for name, number in times if name == node)
+        return [{name: binding[f"{name}#{number}"] for name in part.own} for number in numbers]
+
+    @cached_property
     def conditions(self) -> list[Condition]:
         return [part for part in self.kept if isinstance(part, Condition)]
 
@@ -159,12 +173,21 @@ class _Scenario:
             if events and events <= times.keys():
                 known[name] = _extreme(point, [times[event] for event in events])
         for condition in self.conditions:
-            if names(condition.guard) <= known.keys() and not holds(condition.guard, known):
-                return False
+            for own in self._own(binding, times, condition.source.node):
+                every = {**known, **own}
+                if names(condition.guard) <= every.keys() and not holds(condition.guard, every):
+                    return False
+        for node, part in self.counted.items():
+            for one, other in combinations(self._own(binding, times, node), 2) if part.distinct else ():
+                apart = [same(one[name], other[name]) for name in part.distinct]
+                values = [defined(one[name]) and defined(other[name]) for name in part.distinct]
+                first = apart.index(False) if False in apart else len(apart)
+                if first == len(apart) or not all(values[: first + 1]):
+                    return False
         for events, duration in self.windows:
             if events and events <= times.keys():
-                own = [times[event] for event in events]
-                start, end = _extreme("start", own), _extreme("end", own)
+                inside = [times[event] for event in events]
+                start, end = _extreme("start", inside), _extreme("end", inside)
                 if start is None or end is None or end - start > duration:
                     return False
         return True
@@ -333,7 +356,10 @@ class PropertyReference(Monitor):
                 continue
             times = {**partial.times, one: time}
             for found in matches(scenario.patterns[one], event, partial.binding, {}):
-                binding = {name: value for name, value in found.items() if not name.startswith("_")}
+                part = scenario.counted.get(one[0])
+                own = () if part is None else part.own
+                binding = {name: value for name, value in found.items() if not name.startswith("_") or "#" in name}
+                binding |= {f"{name}#{one[1]}": found[name] for name in own}
                 if scenario.allows(binding, times):
                     places = {**partial.places, one: len(self._past)} if self.prop.absences else {}
                     yield _Partial(partial.scenario, partial.order, binding, times, places)

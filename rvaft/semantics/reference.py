@@ -2,15 +2,27 @@
 
 import json
 from collections.abc import Hashable, Iterator, Mapping, Sequence
+from itertools import combinations
 from typing import Any, NamedTuple, Self
 
 from rvaft.errors import TreeError
-from rvaft.model.nodes import Kind, Relevant, Side, Without
+from rvaft.model.nodes import Kind, Node, Relevant, Side, Without
 from rvaft.model.patterns import Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
-from rvaft.semantics.events import Binding, arguments, bound_by, holds, matches, names, observe, time_of
+from rvaft.semantics.events import (
+    Binding,
+    arguments,
+    bound_by,
+    defined,
+    holds,
+    matches,
+    names,
+    observe,
+    same,
+    time_of,
+)
 from rvaft.semantics.scenarios import Resolution, Scenario, branches, feasible_scenarios, of_branch
 
 
@@ -159,7 +171,7 @@ class Reference(Monitor):
         before = scenario.orders[partial.order]
         for occurrence in sorted(scenario.occurrences - partial.assigned):
             if before[occurrence] <= partial.assigned:
-                for binding in observe(self.tree, scenario.observing[occurrence], event, partial.binding):
+                for binding in observed(scenario, occurrence, event, partial.binding):
                     times = {**partial.times, occurrence: time} if scenario.points else {}
                     places = {**partial.places, occurrence: len(self._past)} if self._absences else {}
                     assigned = partial.assigned | {occurrence}
@@ -178,6 +190,16 @@ class Reference(Monitor):
         return partial.assigned == self.scenarios[partial.scenario].occurrences
 
 
+def observed(scenario: Scenario, occurrence: str, event: Any, binding: Binding) -> list[Binding]:
+    """Return the binding extended in each way in which the event is that of an occurrence.
+
+    Clause: each of the counted events has its own value of a variable of `distinct` or `each`.
+    """
+    node = scenario.observing[occurrence]
+    found = observe(scenario.tree, node, event, binding)
+    return [{f"{n}#{occurrence}" if n in node.own_values else n: v for n, v in one.items()} for one in found]
+
+
 def guards_hold(scenario: Scenario, partial: Partial) -> bool:
     """Clause: guards all of whose variables and time points are known hold.
 
@@ -190,14 +212,37 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
             defined = [time for time in times if time is not None]
             known[point] = None if len(defined) < len(times) else max(defined) if point[0] == "e" else min(defined)
     for node in scenario.nodes:
-        if node.when is not None and names(node.when) <= set(known) and not holds(node.when, known):
-            return False
+        for own in _own_values(scenario, partial, node):
+            if node.when is not None and names(node.when) <= {*known, *own} and not holds(node.when, {**known, **own}):
+                return False
+        # Clause: the values of `distinct` are pairwise different, as the guard says that compares them.
+        for one, other in combinations(_own_values(scenario, partial, node), 2) if node.distinct else ():
+            if not _differ([(one[name], other[name]) for name in node.distinct]):
+                return False
         # Clause: `within D` is the guard end - start <= D.
         if node.within is not None and f"end({node.name})" in known:
             start, end = known[f"start({node.name})"], known[f"end({node.name})"]
             if start is None or end is None or end - start > node.within:
                 return False
     return True
+
+
+def _own_values(scenario: Scenario, partial: Partial, node: Node) -> list[dict[str, Any]]:
+    """Return the values that each event of a counted leaf has for itself; one entry for other nodes."""
+    if not node.own_values:
+        return [{}]
+    there = [occurrence for occurrence in sorted(partial.assigned) if scenario.observing[occurrence].name == node.name]
+    return [{name: partial.binding[f"{name}#{occurrence}"] for name in node.own_values} for occurrence in there]
+
+
+def _differ(pairs: Sequence[tuple[Any, Any]]) -> bool:
+    """Clause: `X != X' or Y != Y'`, read from left to right; undefined does not hold."""
+    for one, other in pairs:
+        if not (defined(one) and defined(other)):
+            return False
+        if not same(one, other):
+            return True
+    return False
 
 
 def unbroken(scenario: Scenario, partial: Partial, past: Sequence[Observed]) -> bool:
@@ -293,7 +338,7 @@ def _relevant_to(tree: RVAFT, name: str, event: Any) -> bool:
     if node.on is None and (node.gate is not None or node.when is not None):
         return False
     found = observe(tree, node, event, {})
-    own = node.when is not None and names(node.when) <= bound_by(node)
+    own = node.when is not None and names(node.when) <= bound_by(node) | {*node.own_values}
     return any(node.when is None or not own or holds(node.when, one) for one in found)
 
 
@@ -341,6 +386,7 @@ def _check_scenario(scenario: Scenario) -> None:
             raise TreeError(f"{point} has no event, or several", rule="unbound-time")
     for node in scenario.nodes:
         unbound = names(node.when) - scenario.bound - set(scenario.points) if node.when is not None else set()
+        unbound -= {*node.own_values}
         if unbound:
             raise TreeError(f"{min(unbound)} is unbound in the guard of {node.name}", rule="unbound-variable")
     for clause, events in _clauses(scenario):

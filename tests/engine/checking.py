@@ -13,8 +13,8 @@ from rvaft.model.values import is_finite, key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
-from rvaft.semantics.events import observe, time_of
-from rvaft.semantics.reference import Observed, Partial, decided, guards_hold, relevant, unbroken
+from rvaft.semantics.events import time_of
+from rvaft.semantics.reference import Observed, Partial, decided, guards_hold, observed, relevant, unbroken
 from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices, several
 
 Trace = Sequence[dict[str, Any]]
@@ -138,8 +138,7 @@ def _is_match(scenario: Scenario, explanation: Explanation, prefix: Trace) -> bo
         return False
     bindings: list[Any] = [{}]
     for name, position in matched.items():
-        node, event = scenario.observing[name], prefix[position - 1]
-        bindings = [more for one in bindings for more in observe(scenario.tree, node, event, one)]
+        bindings = [more for one in bindings for more in observed(scenario, name, prefix[position - 1], one)]
     told = [one for one in bindings if _written(one) == _written(explanation.variables)]
     orders = (all(matched[a] < matched[b] for b in order for a in order[b]) for order in scenario.orders)
     times = {name: time_of(scenario.tree.time, prefix[position - 1]) for name, position in matched.items()}
@@ -158,4 +157,4 @@ def _is_match(scenario: Scenario, explanation: Explanation, prefix: Trace) -> bo
 
 
 def _written(binding: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: key(value) for name, value in binding.items() if is_finite(value)}
+    return {name: key(value) for name, value in binding.items() if is_finite(value) and "#" not in name}

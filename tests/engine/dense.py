@@ -21,6 +21,9 @@ from rvaft.model.verdict import Verdict
 EVENTS: Final = (
     EventType("letter", ("l",), ObjectPattern((("l", Variable("l")),))),
     EventType("pair", ("l", "v"), ObjectPattern((("l", Variable("l")), ("v", Variable("v"))))),
+    EventType(
+        "triple", ("l", "v", "w"), ObjectPattern((("l", Variable("l")), ("v", Variable("v")), ("w", Variable("w"))))
+    ),
 )
 LETTERS: Final = "abcdef"
 VALUES: Final = (0, 1, 2, "x")
@@ -51,6 +54,8 @@ class Dense:
     """The share of nodes with a guard over time points."""
     absences: float = 0.0
     """The share of nodes with an absent event."""
+    counted: float = 0.0
+    """The share of leaves that count events with values of their own."""
 
 
 def dense_tree(random: Random, shape: Dense) -> RVAFT:
@@ -86,9 +91,21 @@ def _node(random: Random, shape: Dense, name: str, below: tuple[str, ...], *, is
         within = random.choice((0, 1, 1, 2, 2, 3, 5)) * SECOND
     if random.random() < shape.points:
         when = _time_guard(random, name, below, shape)
+    if not below and shape.counted and random.random() < shape.counted:
+        return _counted(random, shape, name)
     without = tuple(_absent(random, shape) for _ in range(2) if shape.absences and random.random() < shape.absences)
     on = _on(random, shape) if has_event else None
     return Node(name, gate, below, threshold, on, when, kind, within=within, without=without)
+
+
+def _counted(random: Random, shape: Dense, name: str) -> Node:
+    own = f"V{name}"
+    letter, other = Literal(random.choice(LETTERS[: shape.letters])), random.choice((Variable("X"), Anything()))
+    on = On("triple", (letter, Variable(own), other))
+    than = random.choice((Literal(0), Literal(1), other if isinstance(other, Variable) else Literal(2)))
+    when = Operation(random.choice(GUARDED), (Variable(own), than)) if random.random() < 0.4 else None
+    times, distinct = random.choice((2, 2, 3)), random.random() < 0.7
+    return Node(name, on=on, when=when, times=times, distinct=(own,) * distinct, each=(own,) * (not distinct))
 
 
 def _absent(random: Random, shape: Dense) -> Without:
@@ -139,6 +156,8 @@ def dense_trace(random: Random, shape: Dense, length: int, *, clock: int = 0) ->
     values, events = random.sample(VALUES, 2), list[dict[str, Any]]()
     for _ in range(length):
         event = {"l": random.choice(letters), "v": random.choice(values)}
+        if shape.counted:
+            event["w"] = random.choice(values)
         if shape.windows is not None:
             clock += random.choice((-2, -1, 0, 0, 1, 1, 1, 2))
             event |= {"t": clock} if random.random() < 0.96 else {}
@@ -170,6 +189,7 @@ SHAPES: Final = {
     "many ends": Dense(windows=0.1, nodes=11, letters=3, guards=0, gate_events=0.1, gates=LONG_ENDS),
     "ends and values": Dense(windows=0.2, variables=0.5, nodes=8, gates=ENDING),
     "shared ends": Dense(windows=0.1, sharing=0.6, nodes=8, gates=ENDING),
+    "different values": Dense(counted=0.5, variables=0.3, letters=2, nodes=5, guards=0, windows=0.2),
     "absent events": Dense(absences=0.2, guards=0, nodes=6, windows=0.1, gates=CHOOSING),
     "absent values": Dense(absences=0.25, variables=0.6, guards=0.05, nodes=5, letters=2, windows=0.1),
     "shared absences": Dense(absences=0.15, sharing=0.6, nodes=6, guards=0, windows=0.2, gates=CHOOSING),

@@ -136,10 +136,12 @@ def monitor(
     kind: Kind | str | None = None,
     limit: int = DEFAULT_LIMIT,
     repeat: bool = False,
+    repeat_by: str | None = None,
 ) -> Monitor:
     """Return a new monitor of the tree; `limit` bounds the number of partial matches.
 
-    With `repeat` it is a `Repetition`, which restarts after each detection. Raises `OptionError`,
+    With `repeat` it is a `Repetition`, which restarts after each detection; with `repeat_by`, or `repeat by` in the
+    tree, only for the detected value of that variable. Raises `OptionError`,
     `TreeError` for a tree that breaks a rule or has no such branch or kind, `WrongType`, and, also
     while reading events, `TooLarge`.
 
@@ -151,7 +153,10 @@ def monitor(
     expect("branch", branch, int | None, "an int")
     expect("limit", limit, int, "an int")
     expect("repeat", repeat, bool, "a bool")
-    engine = Engine(narrowed(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit)
+    expect("repeat_by", repeat_by, str | None, "a str")
+    repeat = repeat or repeat_by is not None
+    by = repeat_by or (tree.repeat_by if repeat else None)
+    engine = Engine(narrowed(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit, repeat_by=by)
     return Repetition(engine) if repeat else engine
 
 

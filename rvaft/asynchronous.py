@@ -25,6 +25,7 @@ class MonitorOptions(TypedDict, total=False):
     kind: Kind | str | None
     limit: int
     repeat: bool
+    repeat_by: str | None
 
 
 def watch(

@@ -223,6 +223,12 @@ class Monitor(ABC):
     def expect(self, events: Sequence[Json]) -> None:  # noqa: B027
         """Announce the next events of a finished log, for monitors that read it faster as a whole."""
 
+    def restarted(self, fresh: Self) -> Self:
+        """Return the monitor that goes on after this one has detected; `fresh` is in the first state."""
+        twin = fresh.fork()
+        twin.go_on_after(self)
+        return twin
+
     def pass_time(self, time: Json | datetime) -> Verdict:  # noqa: ARG002 (a subclass uses it)
         """Return the verdict after a time has come, without an event.
 
@@ -396,9 +402,7 @@ class Repetition(Monitor):
     def _next(self) -> Monitor:
         if self.verdict is not Verdict.TRUE:
             return self.current
-        fresh = self._fresh.fork()
-        fresh.go_on_after(self.current)
-        return fresh
+        return self.current.restarted(self._fresh)
 
     @property
     def verdict(self) -> Verdict:

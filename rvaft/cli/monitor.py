@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import monitor, narrowed, resolve_semantics, translate
+from rvaft.api import narrowed, resolve_semantics, translate
 from rvaft.cli import FAILED, Failures, native, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
@@ -269,9 +269,11 @@ def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEng
         wrong = not (given["follow"] or traces.live)
         options.refuse(wrong, "--clock needs events that arrive: --follow, or a URL; a finished log takes --complete")
         options.refuse(given["order_by"], "--clock tells the present time, but --order-by holds events back")
-    for option in ("clock", "complete"):
+    for option in ("clock", "complete", "repeat_by"):
         wrong = given[option] and (given["backend"] is not None or given["native"] or engine is not None)
-        options.refuse(wrong, f"--{option} is for monitors of the engine: omit --backend, --native or --engine")
+        options.refuse(
+            wrong, f"--{option.replace('_', '-')} is for monitors of the engine: omit --backend, --native or --engine"
+        )
     if given["follow"] or traces.live:
         output.unblock()
 
@@ -377,6 +379,7 @@ def _checkpoints(
         "--window": given["window"],
         "--input": None if reader is None else f"{reader.name} {reader.options}",
         "--repeat": "" if given["repeat"] else None,
+        "--repeat-by": given["repeat_by"],
         "--cooldown": given["cooldown"] and duration_text(given["cooldown"]),
     }
     return CheckpointFile(
@@ -430,13 +433,14 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any], native_run: Nat
         if native_run is not None:
             return Engine(part, semantics, strategy=NativeMatches(part, native_run))
         try:
-            return monitor(part, semantics=semantics, limit=limit)
+            by = given["repeat_by"] or (part.repeat_by if given["repeat"] else None)
+            return Engine(narrowed(part), semantics, limit=limit, repeat_by=by)
         except TooLarge as error:
             if error.limit == limit and not getattr(error, "__notes__", ()):
                 error.add_note("--max-configurations allows more")
             raise
 
-    repeating = {"repeat": given["repeat"], "cooldown": given["cooldown"]}
+    repeating = {"repeat": given["repeat"] or given["repeat_by"] is not None, "cooldown": given["cooldown"]}
     monitors = MonitorSet(columns(part, given["per"]), make, semantics, **repeating)
     if given["order_by"] is not None:
         Field.parse(given["order_by"])

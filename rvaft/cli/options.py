@@ -292,6 +292,7 @@ def _duration(_context: object, _parameter: object, text: str | None) -> int | N
         raise click.BadParameter(str(error)) from None
 
 
+_REPEAT_BY: Final = "As --repeat, but restart only what has the detected value of this variable."
 _CLOCK: Final = "While no event comes, tell the monitor the time this often: it decides `for D after`."
 _COMPLETE: Final = "Take the end of a log as its end, which decides `for D after`."
 
@@ -299,6 +300,7 @@ _COMPLETE: Final = "Take the end of a log as its end, which decides `for D after
 def repeat_options(function: F) -> F:
     """Add `--repeat`, and `--cooldown DURATION`, which needs it."""
     repeat = click.option("--repeat", is_flag=True, help="Restart the monitor after each detection.")
+    function = click.option("--repeat-by", metavar="VARIABLE", help=_REPEAT_BY)(function)
     return repeat(click.option("--cooldown", metavar="DURATION", callback=_duration, help=_COOLDOWN)(function))
 
 

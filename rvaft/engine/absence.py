@@ -96,10 +96,17 @@ class AbsentEvents(Following):
     sees_irrelevant = True
 
     def __init__(
-        self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int, early: bool = True
+        self,
+        compiled: CompiledTree,
+        letters: TreeLetters,
+        semantics: Semantics,
+        *,
+        limit: int,
+        early: bool = True,
+        repeat_by: str | None = None,
     ) -> None:
         early = early and semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
-        super().__init__(compiled, letters, limit=limit, early=early)
+        super().__init__(compiled, letters, limit=limit, early=early, repeat_by=repeat_by)
         self.semantics = semantics
         self._scattered = semantics is Semantics.SCATTERED
         self._stages = Stages(self.matching, SettledChoices(compiled) if self._scattered else None)
@@ -290,8 +297,7 @@ class AbsentEvents(Following):
             for member in group.members.values()
         ]
         if made:
-            self.matches = made
-            self.follow([])
+            self._detected(made)
         return bool(made)
 
     def _of(self, stage: Stage) -> Standing:

@@ -13,7 +13,7 @@ from rvaft.engine.partial_matches import Matching
 from rvaft.engine.replay import ReplaySearch, steps_of
 from rvaft.engine.strategy import Measured, Progress
 from rvaft.errors import TooLarge
-from rvaft.model.values import Json
+from rvaft.model.values import Json, key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation, Pending
 from rvaft.support.bits import bits, union
@@ -28,8 +28,19 @@ class Following(Measured):
     uses_up: ClassVar = True
     """Whether a partial match must use every event that counts."""
 
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, *, limit: int, early: bool = False) -> None:
+    def __init__(
+        self,
+        compiled: CompiledTree,
+        letters: TreeLetters,
+        *,
+        limit: int,
+        early: bool = False,
+        repeat_by: str | None = None,
+    ) -> None:
         self.compiled = compiled
+        self.repeat_by = repeat_by
+        self._others: list[Configuration] = []
+        """After a detection, the partial matches with other values of `repeat_by`."""
         self.limit = limit
         self.matching = Matching(compiled, limit=limit, early=early)
         self.letters = letters
@@ -39,6 +50,26 @@ class Following(Measured):
         """The matches, after a detection."""
         self.lost: list[Configuration] = []
         """After ⊥, the partial matches before the last event, perhaps with a step of it."""
+
+    def restart(self, name: str) -> None:
+        """Go on with the partial matches that have other values of a variable."""
+        assert name == self.repeat_by, "made to repeat by it"
+        self.follow(self._others)
+
+    def _detected(self, matches: list[Configuration]) -> None:
+        """Note the matches, which end all partial matches, but for a restart."""
+        self.matches = matches
+        if self.repeat_by is not None:
+            found = {self._value(match, self.repeat_by) for match in matches}
+            others = [one for one in self.partial if self._value(one, self.repeat_by) not in {None, *found}]
+            self._others = [self.matching.start(), *others]
+        self.follow([])
+
+    @staticmethod
+    def _value(match: Configuration, name: str) -> Hashable:
+        """Return a key of the value of a variable that every event binds; None before the first event."""
+        events = events_of(match.witness)
+        return (key(events[0].values[name]),) if events else None
 
     def _begin(self) -> None:
         start = self.matching.start()

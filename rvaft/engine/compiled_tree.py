@@ -146,8 +146,10 @@ class CompiledTree:
 
     root: Final = 0
 
-    def __init__(self, prop: Property) -> None:
+    def __init__(self, prop: Property, *, kept: Collection[str] = ()) -> None:
         self.prop = prop
+        self.kept = frozenset(kept)
+        """The variables whose values partial matches keep, whether needed or not."""
         nodes, inner = _all_nodes(prop)
         self.names = tuple("" if one.part.source is None else one.part.source.node for one in nodes)
         """The name in the tree; several nodes may share a name."""
@@ -240,6 +242,7 @@ class CompiledTree:
         bound = [names if time is None else (*names, time) for names, time in zip(bound, self.time_of, strict=True)]
         needs = [guard_variables(guard) for guard in guards]
         mentioned = Counter(name for both in zip(bound, needs, strict=True) for name in {*both[0], *both[1]})
+        mentioned.update(self.kept)
         self.absent_with: dict[str, list[int]] = {}
         """By variable, the nodes with an absent event that shares it."""
         for clause in self.clauses.values():

@@ -276,6 +276,15 @@ class LatestStarts(Strategy):
             return None
         return self._watermark - unit.window
 
+    def restart(self, name: str) -> None:
+        """Forget the instances with the detected values of a variable of all keys."""
+        keys = [run.unit.key for run in self.runs]
+        found = {_component(keys[one.unit], one.name, name) for one in self._detected if one.name is not None}
+        for own, instances in zip(keys, self._instances, strict=True):
+            gone = found if len(own) == 1 else [one for one in instances if _component(own, one, name) in found]
+            for one in gone:
+                instances.pop(one, None)
+
     def fork(self) -> Self:
         """Return an independent copy."""
         twin = copy(self)
@@ -394,6 +403,15 @@ class _InstanceSearch(MatchSearch):
             if below is not None and any((number, leaf) in self._came for leaf in below):
                 return True
         return False
+
+
+def _component(own: Sequence[str], name: Name, variable: str) -> Hashable:
+    """Return the part of the name of an instance that stands for a variable of its key."""
+    if len(own) == 1:
+        return name
+    assert isinstance(name, tuple), "one value for each variable"
+    value: Hashable = name[own.index(variable)]
+    return value
 
 
 def _copies(some: Iterable[Mapping[Name, State]]) -> list[dict[Name, State]]:

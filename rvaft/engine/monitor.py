@@ -8,7 +8,7 @@ from typing import Any, Final, Self
 from rvaft.core.passes import property_of
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, TreeLetters
 from rvaft.engine.explanation import together
-from rvaft.engine.selection import strategy_of
+from rvaft.engine.selection import require_shared, strategy_of
 from rvaft.engine.strategy import Strategy
 from rvaft.errors import OptionError
 from rvaft.model.event_time import Jump
@@ -25,7 +25,8 @@ class Engine(Monitor):
     """The default monitor of a tree; for one branch or kind, pass the restricted tree.
 
     Raises `TooLarge` beyond `limit` partial matches, kept events, or steps through shared choices.
-    `strategy` replaces that of the tree.
+    `strategy` replaces that of the tree. With `repeat_by`, a `Repetition` restarts only the matches with the
+    detected value of this variable; raises `OptionError` if some event does not bind it.
 
     >>> import rvaft
     >>> monitor = Engine(rvaft.loads("top sand a b;"))
@@ -40,6 +41,7 @@ class Engine(Monitor):
         *,
         limit: int = DEFAULT_LIMIT,
         strategy: Strategy | None = None,
+        repeat_by: str | None = None,
     ) -> None:
         super().__init__()
         self.tree = tree
@@ -54,8 +56,12 @@ class Engine(Monitor):
         self._read_time = None if tree.time is None else tree.time.reader()
         self._may_be_late = tree.time is not None and tree.time.late is not None
         if strategy is None:
-            strategy = strategy_of(property_of(tree), self.semantics, limit=limit)
+            prop = property_of(tree)
+            if repeat_by is not None:
+                require_shared(prop, repeat_by, self.semantics)
+            strategy = strategy_of(prop, self.semantics, limit=limit, repeat_by=repeat_by)
         self._strategy = strategy
+        self._repeat_by = repeat_by
 
     def snapshot(self) -> dict[str, object]:
         """Return the state for `restore`; it can be pickled."""
@@ -73,7 +79,8 @@ class Engine(Monitor):
         return {**self.snapshot(), "tree": self.tree}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        Engine.__init__(self, state["tree"], state["semantics"], limit=state["_limit"])
+        by = state["_repeat_by"]
+        Engine.__init__(self, state["tree"], state["semantics"], limit=state["_limit"], repeat_by=by)
         self.restore(state)
 
     @property
@@ -153,6 +160,20 @@ class Engine(Monitor):
         self._position, self.jumps = earlier._position, earlier.jumps
         self._strategy.go_on_after(earlier._strategy)
         self.reach(earlier._latest)
+
+    def restarted(self, fresh: Self) -> Self:
+        """Return the engine that goes on after this one has detected."""
+        if self._repeat_by is None:
+            return super().restarted(fresh)
+        twin = self.fork()
+        twin.restart()
+        return twin
+
+    def restart(self) -> None:
+        """Go on after a detection, without the matches that have the detected value."""
+        assert self._repeat_by is not None, "made to repeat by a variable"
+        self._verdict, self._explanation = _UNKNOWN, None
+        self._strategy.restart(self._repeat_by)
 
     def is_late(self, event: Json, number: int = 0) -> bool:
         """Whether an event is late (semantics, section 1.1); call it once per event, in order.

@@ -175,7 +175,7 @@ class Matching:
     def _drop_variables(self, configuration: Configuration, names: Iterable[str]) -> None:
         """Drop those of some variables that no later event, guard or clause mentions."""
         compiled = self.compiled
-        for name in names:
+        for name in [name for name in names if name not in compiled.kept]:
             waiting = compiled.guarded_by.get(name, ())
             clauses = (compiled.clauses[node] for node in compiled.absent_with.get(name, ()))
             if (

@@ -114,8 +114,9 @@ class ScatteredMatches(Following):
         limit: int,
         apart: bool = True,
         early: bool = True,
+        repeat_by: str | None = None,
     ) -> None:
-        super().__init__(compiled, letters, limit=limit, early=early)
+        super().__init__(compiled, letters, limit=limit, early=early, repeat_by=repeat_by)
         self._stages = Stages(self.matching, choices)
         self._components = components(compiled, letters) if apart else ()
         self._part_of = {node: part for one in self._components for part in one.parts for node in bits(part.nodes)}
@@ -387,7 +388,7 @@ class ScatteredMatches(Following):
             made = [(stage, whole) for stage, one in made if (whole := self._in_order(one)) is not None]
         self.matches = [one for _, one in made]
         if made:
-            self.follow([])
+            self._detected(self.matches)
             return Verdict.TRUE
         if self._stages.is_full:
             self.follow(self.partial)

@@ -1,7 +1,7 @@
 """The strategy for a property."""
 
 from rvaft.core.passes import decide_constants, followed
-from rvaft.core.property import IMPOSSIBLE, Property
+from rvaft.core.property import IMPOSSIBLE, Event, Property, Times
 from rvaft.engine.absence import AbsentEvents
 from rvaft.engine.all_matches import Contiguous
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
@@ -12,21 +12,37 @@ from rvaft.engine.scattered_linear import LinearMonitor, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.strategy import Measured, Strategy
 from rvaft.engine.units import units
+from rvaft.errors import OptionError
+from rvaft.model.patterns import rigid_variables
 from rvaft.model.verdict import Semantics
 
 
-def strategy_of(prop: Property, semantics: Semantics, *, limit: int) -> Strategy:
-    """Return the strategy of a property."""
-    if semantics is Semantics.SCATTERED and (apart := _latest_starts(prop, limit)) is not None:
+def require_shared(prop: Property, name: str, semantics: Semantics) -> None:
+    """Raise `OptionError` unless every event of a property binds a variable, under `scattered`."""
+    if semantics is not Semantics.SCATTERED:
+        raise OptionError(f"repetition by {name} needs the semantics scattered, not {semantics}")
+    for part in prop.parts:
+        if isinstance(part, Event | Times) and name not in rigid_variables(part.pattern):
+            why = f"the event of {part.source.node} does not bind it"
+            raise OptionError(
+                f"matches cannot be repeated by {name}: {why}; a match has one {name} from its first event on"
+            )
+
+
+def strategy_of(prop: Property, semantics: Semantics, *, limit: int, repeat_by: str | None = None) -> Strategy:
+    """Return the strategy of a property; with `repeat_by`, it can restart for a value of this variable."""
+    if semantics is Semantics.SCATTERED and (apart := _latest_starts(prop, limit, repeat_by)) is not None:
         return apart
-    return _strategy(followed(prop), semantics, limit)
+    return _strategy(followed(prop), semantics, limit, repeat_by=repeat_by)
 
 
-def _latest_starts(prop: Property, limit: int) -> LatestStarts | None:
+def _latest_starts(prop: Property, limit: int, repeat_by: str | None) -> LatestStarts | None:
     """Return the strategy of a tree with windows or a common variable and without joins, or None."""
     decided = decide_constants(prop)
     found = None if decided.root is IMPOSSIBLE else units(decided)
     if found is None or not any(unit.timed or unit.key for unit in found):
+        return None
+    if repeat_by is not None and not all(repeat_by in unit.key for unit in found):
         return None
     return LatestStarts(prop, found, limit=limit)
 
@@ -39,17 +55,22 @@ def measured_strategy(prop: Property, semantics: Semantics, *, limit: int) -> Me
     return _strategy(prop, semantics, limit, measured=True)
 
 
-def _strategy(prop: Property, semantics: Semantics, limit: int, *, measured: bool = False) -> Measured:
-    compiled = CompiledTree(prop)
+def _strategy(
+    prop: Property, semantics: Semantics, limit: int, *, measured: bool = False, repeat_by: str | None = None
+) -> Measured:
+    compiled = CompiledTree(prop, kept=() if repeat_by is None else (repeat_by,))
     letters = TreeLetters(compiled, decide=semantics is Semantics.SCATTERED)
     if compiled.clauses:
-        return AbsentEvents(compiled, letters, semantics, limit=limit, early=not measured)
+        return AbsentEvents(compiled, letters, semantics, limit=limit, early=not measured, repeat_by=repeat_by)
     if semantics is not Semantics.SCATTERED:
         if semantics is not Semantics.CONSECUTIVE and len(compiled.names) > SMALL:
             return Contiguous(compiled, letters, semantics, limit=limit)
         return ContiguousMatches(compiled, letters, semantics, limit=limit, early=not measured)
-    starts = linear_starts(compiled, letters)
+    starts = linear_starts(compiled, letters) if repeat_by is None else None
     if starts is not None:
         return LinearMonitor(compiled, letters, starts, limit=limit)
     choices = SettledChoices(compiled)
-    return ScatteredMatches(compiled, letters, choices, limit=limit, apart=not measured, early=not measured)
+    apart = not measured and repeat_by is None
+    return ScatteredMatches(
+        compiled, letters, choices, limit=limit, apart=apart, early=not measured, repeat_by=repeat_by
+    )

@@ -81,6 +81,13 @@ class Strategy(ABC):
         """Return the verdict after the end of the trace."""
         return Verdict.UNKNOWN
 
+    def restart(self, name: str) -> None:
+        """Go on after a detection: forget the partial matches with the values of a variable in the matches.
+
+        The strategy was made to repeat by this variable.
+        """
+        raise NotImplementedError(f"made to repeat by {name}")
+
     def go_on_after(self, earlier: Self) -> None:  # noqa: B027 (most look at no earlier event)
         """Remember what earlier events of the trace may rule out; this strategy must be new."""
 

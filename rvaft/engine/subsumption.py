@@ -239,7 +239,7 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
     compiled, binding = matching.compiled, configuration.binding
     rigid = [name for name in binding if name in compiled.mentions]
     fixed = {name for name in rigid if matching.progress.mentioned(configuration, name)}
-    fixed.update(name for name in binding if name in compiled.absent_with)
+    fixed.update(name for name in binding if name in compiled.absent_with or name in compiled.kept)
     terms: dict[Term, None] = {}
     differing: dict[Guard, list[str]] = {}
     above_watermark = True

@@ -265,6 +265,9 @@ class Build(Transformer[Token, Any]):
     def show(self, items: Items) -> Statement:
         return lambda page: page.draft.shows.extend(page.names(items[1::2]))
 
+    def repeat(self, items: Items) -> Statement:
+        return lambda page: page.draft.repeats.append(page.located(items[2], items[2].value))
+
     def moment(self, items: Items) -> tuple[Token, EventTime]:
         start, path, _, form = items
         if isinstance(form, Token):

@@ -33,7 +33,11 @@ _GROUPS: Final = (
     ("a name", "NAME", "STRING"),
     ("a word or a string in quotes", "WORD STRING", ""),
     ("a value", "VALUE", "STRING"),
-    ("on, when, fault, attack, label, times, within or key=value", "ON", "WHEN FAULT ATTACK LABEL TIMES WITHIN KEY"),
+    (
+        "on, when, fault, attack, label, times, within, without or key=value",
+        "ON",
+        "WHEN FAULT ATTACK LABEL TIMES WITHIN WITHOUT KEY",
+    ),
     ("a comparison", "COMPARISON", "PLUS MINUS STAR SLASH AND OR IN"),
     ("an operator", "PLUS", "MINUS STAR SLASH AND OR"),
     *((word, word.upper(), "") for word in ("and", "or")),
@@ -46,7 +50,8 @@ _GROUPS: Final = (
     ("a number", "NUMBER", ""),
     ("a word", "WORD", ""),
     ("a string in quotes", "STRING", ""),
-    *((word, word.upper(), "") for word in ("when", "type", "as", "late", "from")),
+    *((word, word.upper(), "") for word in ("when", "type", "as", "late", "from", "by")),
+    *((word, word.upper(), "") for word in ("distinct", "each", "for", "after", "before")),
     ("top_down or bottom_up", "TOP_DOWN", "BOTTOM_UP"),
     ("the end", "$END", ""),
     *(

@@ -221,6 +221,7 @@ class Draft:
     assumes: list[Located[Assumption]] = field(default_factory=list)
     orders: list[Located[int]] = field(default_factory=list)
     shows: list[Located[str]] = field(default_factory=list)
+    repeats: list[Located[str]] = field(default_factory=list)
     parameters: list[Located[str]] = field(default_factory=list)
     prunes: list[Located[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
@@ -282,12 +283,15 @@ class Draft:
             semantics=_first(self.semantics) or (Semantics.SCATTERED if self.persistent else None),
             assumes=[said.value for said in self.assumes],
             shows=[shown.value for shown in self.shows],
+            repeat_by=_first(self.repeats),
         )
 
     def settings(self) -> dict[str, Sequence[Located[object]]]:
         """Return the settings that a tree may have once, by their keywords."""
         orders = [*(Located(one.late, place) for one, place in self.times if one.late is not None), *self.orders]
-        return {"causality": self.causalities, "semantics": self.semantics, "time": self.times, "assume order": orders}
+        once: dict[str, Sequence[Located[object]]]
+        once = {"causality": self.causalities, "semantics": self.semantics, "time": self.times}
+        return {**once, "assume order": orders, "repeat by": self.repeats}
 
     def carry_out_prunes(self) -> None:
         """Remove the pruned nodes and those reachable only through them; record `broken_prunes`."""

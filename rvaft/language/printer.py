@@ -30,8 +30,8 @@ _WIDEST: Final = 40
 def dumps(tree: RVAFT) -> str:
     """Return the canonical text of a tree; `loads(dumps(tree)) == tree`.
 
-    The order is causality, semantics, time, assumptions, shown variables, event types, topics, ignores, toplevel,
-    nodes (parents before children, then unreachable ones). A child without a statement stays
+    The order is causality, semantics, time, assumptions, repetition, shown variables, event types,
+    topics, ignores, toplevel, nodes (parents before children, then unreachable ones). A child without a statement stays
     undeclared; a restriction is lost. Raises `LanguageError` for an unpaired surrogate, and beyond
     100 levels of nesting.
 
@@ -63,6 +63,8 @@ def _settings(tree: RVAFT) -> Iterator[str]:
         yield f"{time_text(tree.time)};"
     if tree.assumes:
         yield f"assume {assumptions_text(tree.assumes, tree.time)};"
+    if tree.repeat_by is not None:
+        yield f"repeat by {tree.repeat_by};"
     if tree.shows:
         yield f"show {', '.join(tree.shows)};"
 

@@ -53,7 +53,8 @@ class RVAFT:
     `nodes` has the order of declaration. A restricted tree has its origin in `part_of` and keeps
     the `alphabet` of the whole tree. `topics` are the ROS topics by absolute name; `time` and
     `semantics` may be None. `assumes` are the stated assumptions; ORDER is among them if `time` has
-    a lateness. `shows` are the variables of `show`. Trees with equal content are equal regardless of
+    a lateness. `shows` are the variables of `show`, and
+    `repeat_by` that of `repeat by`. Trees with equal content are equal regardless of
     order and positions.
 
     Raises `TreeError` for an unknown root or child, a cycle, a duplicate child, a threshold out of
@@ -82,6 +83,7 @@ class RVAFT:
         semantics: Semantics | None = None,
         assumes: Iterable[Assumption] = (),
         shows: Iterable[str] = (),
+        repeat_by: str | None = None,
         part_of: "Whole | None" = None,
     ) -> None:
         self.root = root
@@ -95,6 +97,7 @@ class RVAFT:
         order = {Assumption.ORDER} if time is not None and time.late is not None else set()
         self.assumes = (frozenset(map(Assumption, assumes)) - {Assumption.ORDER}) | order
         self.shows = tuple(dict.fromkeys(shows))
+        self.repeat_by = repeat_by
         self.part_of = part_of
         for event in self.events.values():
             used = pattern_variables(event.pattern)
@@ -114,6 +117,8 @@ class RVAFT:
                 _check_call(clause.on, self.events, [node.name])
         for ignore in self.ignores:
             _check_call(ignore.on, self.events, [])
+        if repeat_by is not None and part_of is None and repeat_by not in self.variables:
+            raise TreeError(f"`repeat by` names {repeat_by}, which no event of a node binds", rule="shown-variable")
         for name in self.shows if part_of is None else ():
             if not any(node.on is not None and name in node.on.variables for node in self.nodes.values()):
                 raise TreeError(f"`show` lists {name}, which no event of a node binds", rule="shown-variable")
@@ -260,7 +265,7 @@ class RVAFT:
     @cached_property
     def _identity(self) -> tuple[object, ...]:
         unordered = (frozenset(stated.values()) for stated in (self.nodes, self.events, self.topics))
-        settings = self.ignores, self.causality, self.time, self.semantics, self.assumes, self.shows
+        settings = self.ignores, self.causality, self.time, self.semantics, self.assumes, self.shows, self.repeat_by
         return (self.root, *unordered, *settings, self.part_of)
 
     def __eq__(self, other: object) -> bool:
@@ -349,7 +354,7 @@ def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
 
 
 def _stated(tree: RVAFT) -> dict[str, Any]:
-    names = ("root", "ignores", "causality", "time", "semantics", "assumes", "shows", "part_of")
+    names = ("root", "ignores", "causality", "time", "semantics", "assumes", "shows", "repeat_by", "part_of")
     kept = {name: getattr(tree, name) for name in names}
     return {**kept, **{name: tuple(getattr(tree, name).values()) for name in ("nodes", "events", "topics")}}
 

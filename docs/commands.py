@@ -44,6 +44,8 @@ _VALUES: Final = {
     "--columns": "user=user_name",
     "--collapse": "login",
     "--cooldown": "'10 min'",
+    "--repeat-by": "User",
+    "--clock": "1s",
     "--csv": "results.csv",
     "--depth": "2",
     "--dialect": "duckdb",

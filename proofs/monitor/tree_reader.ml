@@ -169,8 +169,8 @@ let time_of = within "time" (fun v -> match need "format" v with
 
 let read (v : Json.t) : t =
   (match field "format" v, field "version" v with
-   | Some (Json.String f), Some (Json.Number "1") when Json.text_of f = "rvaft" -> ()
-   | _ -> refuse "not a tree in JSON of version 1; write one by: rvaft show TREE --format json -o TREE.json");
+   | Some (Json.String f), Some (Json.Number ("1" | "2")) when Json.text_of f = "rvaft" -> ()
+   | _ -> refuse "not a tree in JSON of version 1 or 2; write one by: rvaft show TREE --format json -o TREE.json");
   let name_of = read_field "name" text in
   let named_items what name v = List.mapi (fun i one -> (within (Printf.sprintf "%s %d" what (i + 1)) name one, one))
       (items v) in
@@ -209,6 +209,8 @@ let read (v : Json.t) : t =
     | n when n >= 1 -> n
     | n -> refuse "%d is less than 1" n in
   let made name = within ("node " ^ name) (fun n ->
+    List.iter (fun extra -> if field extra n <> None then refuse "`%s` is not supported" extra)
+      [ "without"; "distinct"; "each" ];
     let gate = gate n in
     let condition = condition rigid n in
     let on = match read_field "on" (optional (call events rigid)) n with

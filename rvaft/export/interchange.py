@@ -22,7 +22,7 @@ from rvaft.support.terminal import readable_json
 
 
 def json_text(tree: RVAFT) -> str:
-    """Return the tree as one JSON object.
+    """Return the tree as one JSON object, of version 2 if it has absent events or different values.
 
     >>> import json
     >>> import rvaft
@@ -31,14 +31,15 @@ def json_text(tree: RVAFT) -> str:
     """
     value = {
         "format": "rvaft",
-        "version": 1,
+        "version": 2 if any(node.without or node.own_values for node in tree.nodes.values()) else 1,
         "root": tree.root,
         "causality": tree.causality,
         "semantics": tree.semantics,
         "time": time_json(tree.time),
         "nodes": [
             _record(node, "name gate threshold children on times when within kind label attributes")
-            | {"condition": condition_json(node.when), "without": [*map(_absent, node.without)]}
+            | {"condition": condition_json(node.when)}
+            | _extra(node)
             for node in tree.nodes.values()
         ],
         "events": [_record(event, "name parameters pattern") for event in tree.events.values()],
@@ -50,6 +51,12 @@ def json_text(tree: RVAFT) -> str:
         characters = map(chr, range(sys.maxunicode + 1))
         value["lowercase"] = {one: one.lower() for one in characters if one.lower() != one}
     return readable_json(value, indent=2) + "\n"
+
+
+def _extra(node: Node) -> dict[str, Any]:
+    """Return what version 1 does not have."""
+    found: dict[str, Any] = {"without": [*map(_absent, node.without)]}
+    return {name: value for name, value in {**found, "distinct": node.distinct, "each": node.each}.items() if value}
 
 
 def _absent(clause: Without) -> dict[str, Any]:

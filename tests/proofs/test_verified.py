@@ -38,7 +38,7 @@ from tests.tables import sampled
 
 pytestmark = built
 
-UNSUPPORTED = ("strptime",)
+UNSUPPORTED = ("strptime", "`without`", "`distinct`", "`each`")
 
 
 def verified(

@@ -293,7 +293,7 @@ def _duration(_context: object, _parameter: object, text: str | None) -> int | N
 
 
 _REPEAT_BY: Final = "As --repeat, but restart only what has the detected value of this variable."
-_CLOCK: Final = "While no event comes, tell the monitor the time this often: it decides `for D after`."
+_CLOCK: Final = "While no event comes, give the monitor the time this often: it decides `for D after`."
 _COMPLETE: Final = "Take the end of a log as its end, which decides `for D after`."
 
 

@@ -150,7 +150,11 @@ class On:
 
 
 class Side(StrEnum):
-    """Where the events of a `without` are looked for, relative to the events of a node's part."""
+    """Where the events of a `without` are looked for, relative to the events of a node's part.
+
+    >>> [side.value for side in Side]
+    ['during', 'after', 'before']
+    """
 
     DURING = "during"
     AFTER = "after"

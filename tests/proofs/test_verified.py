@@ -177,7 +177,9 @@ def _typed(pattern: Any, arguments: Sequence[Any] = ()) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        ({"version": 2}, "not a tree in JSON"),
+        ({"version": 3}, "not a tree in JSON"),
+        (_node(without=[]), "node b: `without` is not supported"),
+        (_node(distinct=["X"]), "node b: `distinct` is not supported"),
         ({"root": "nobody"}, "unknown node nobody"),
         ({"causality": "sideways"}, "unknown causality sideways"),
         ({"time": {"field": ["t"], "format": "days", "late": None}}, "the time format days is not supported"),

@@ -17,8 +17,7 @@ from backends.c.questions import observed
 from backends.c.translation import EventTests, KeyField, translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends, simplify, windows_to_guards
-from rvaft.core.property import Condition, Part, Property
+from rvaft.core.property import Condition, EndInOrder, Part, Property, Times, Within
 from rvaft.errors import Reason, unwritten
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern
@@ -42,8 +41,7 @@ class CBackend(Backend):
     executes: ClassVar[bool] = True
     remark: ClassVar[str] = "/* {} */\n"
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, simplify)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, EndInOrder, Times, Within}
     operators: ClassVar[frozenset[Operator]] = OPERATORS
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
     values: ClassVar[frozenset[Value]] = JSON_VALUES

@@ -137,8 +137,8 @@ class StageWriter(Writer):
         return CAPACITY if self._width else len(self._found.stages)
 
     @property
-    def _keeps_values(self) -> bool:
-        return any(not slot.timed for stage in self._found.stages for slot in stage.slots)
+    def _texts(self) -> int:
+        return int(any(not slot.timed for stage in self._found.stages for slot in stage.slots))
 
     def _members(self) -> Iterable[tuple[int, int]]:
         links = self._most_links

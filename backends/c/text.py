@@ -137,8 +137,8 @@ class Writer(ABC):
 
     @property
     @abstractmethod
-    def _keeps_values(self) -> bool:
-        """Whether values are kept that may be texts."""
+    def _texts(self) -> int:
+        """The number of texts for each partial match, or 0 if values that may be texts are not kept."""
 
     @abstractmethod
     def _members(self) -> Iterable[tuple[int, int]]:
@@ -193,7 +193,8 @@ class Writer(ABC):
             made += [WORD, laid_out(WORD, WORD, times(WORD, _KEYS), times(state, _KEYS), times(BYTE, 64 * _KEYS))]
         made += self._members()
         if self._capacity:
-            number, content = (self._capacity, 32 * self._capacity) if self._keeps_values else (1, 8)
+            number = self._texts * self._capacity or 1
+            content = 32 * number if self._texts else 8
             words = times(WORD, 4 + self._buckets + 4 * number)
             made += [laid_out(words, times(BYTE, number + content)), times(CELL, fields)]
         return laid_out(*made, times(BYTE, fields))[0]
@@ -202,8 +203,11 @@ class Writer(ABC):
         late = self.late
         defaults: dict[str, object] = {"SCRATCH": "65536U", "JSON": 1, "MAIN": 0, "PLACES": 0}
         if self._capacity:
-            texts = ("RVAFT_CAPACITY", "(32U * RVAFT_TEXTS)") if self._keeps_values else (1, 8)
-            defaults = {"CAPACITY": self._capacity, "TEXTS": texts[0], "TEXT_BYTES": texts[1], **defaults}
+            number = f"({self._texts}U * RVAFT_CAPACITY)" if self._texts > 1 else "RVAFT_CAPACITY"
+            texts = (
+                {"TEXTS": number, "TEXT_BYTES": "(32U * RVAFT_TEXTS)"} if self._texts else {"TEXTS": 1, "TEXT_BYTES": 8}
+            )
+            defaults = {"CAPACITY": self._capacity, **texts, **defaults}
         if self._key:
             defaults |= {"KEYS": _KEYS, "KEY_BYTES": "(64U * RVAFT_KEYS)"}
         defaults["API"] = ""
@@ -358,6 +362,12 @@ def _sections(text: str) -> dict[str, str]:
 def _in_comment(text: str) -> str:
     """Return a text that neither ends a comment nor begins another one."""
     return "".join(c if c.isprintable() else "?" for c in text).replace("*/", "* /").replace("/*", "/ *")
+
+
+def rows(kind: str, name: str, found: Iterable[str], about: Iterable[str]) -> str:
+    """Return a constant array with a comment for each row."""
+    lines = "".join(f"    {row}, /* {_in_comment(one)} */\n" for row, one in zip(found, about, strict=True))
+    return f"static const {kind} {name}[] = {{\n{lines}}};\n\n"
 
 
 def array(kind: str, name: str, rows: Sequence[str]) -> str:

@@ -56,6 +56,8 @@ class UnitTables:
     """The leaves of each unit, the last one first: an event that serves two leaves of a sequence follows those before
     it at both."""
     nodes: list[str] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    """The names of the nodes."""
     levels: int = 1
     depth: int = 1
     """The greatest number of events of a match."""
@@ -126,6 +128,7 @@ class _Placing:
             elif room:
                 starts, rings, events = starts + room, rings + 1, events + needed
         made.leaves += reversed(leaves)
+        made.names += unit.names
         made.nodes += [self._row(node) for node in range(size)]
         made.kinds.append(Kind(len(unit.key), slots, starts, rings, order, unit.window, events))
         made.levels = max(made.levels, 1 + max(self._depth))

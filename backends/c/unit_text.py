@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, Final
 
 from backends.c.events import expression
-from backends.c.text import CELL, LONG, WORD, EventTests, KeyField, Writer, array, laid_out, times
+from backends.c.text import CELL, LONG, WORD, EventTests, KeyField, Writer, array, laid_out, rows, times
 from backends.c.unit_tables import NEVER, NONE, PlacedLeaf, UnitTables
 from rvaft.core.passes import expand_times
 from rvaft.core.property import Property
@@ -47,8 +47,8 @@ class UnitWriter(Writer):
             for kind in self._found.kinds
         )
         made = (
-            array("node", "nodes", self._found.nodes),
-            array("leaf", "leaves", leaves),
+            rows("node", "nodes", self._found.nodes, self._found.names),
+            rows("leaf", "leaves", leaves, (one.leaf.source for one in self._found.leaves)),
             array("kind", "kinds", [*kinds]),
             array("uint32_t", "names", names or ["0"]) if self._capacity else "",
             self._key_fields(),
@@ -73,11 +73,11 @@ class UnitWriter(Writer):
 
     @property
     def _capacity(self) -> int:
-        return CAPACITY if self._key or self._keeps_values else 0
+        return CAPACITY if self._key or self._texts else 0
 
     @property
-    def _keeps_values(self) -> bool:
-        return any(kind.names for kind in self._found.kinds)
+    def _texts(self) -> int:
+        return max(kind.names for kind in self._found.kinds)
 
     @property
     def _share(self) -> int:
@@ -90,11 +90,13 @@ class UnitWriter(Writer):
 
     def _summary(self) -> str:
         nodes, leaves = self._counts
-        named = dict.fromkeys(" and ".join(one.names) for one in self._found.leaves if one.names)
-        about = f"   An instance is a value of {', or of '.join(named)}; " if named else "   There is one instance; "
+        names = dict.fromkeys(" with ".join(one.names) for one in self._found.leaves if one.names)
+        named = [f"a value of {' or '.join(names)}"] if names else []
+        named += ["a value of the key of the log"] if self._key else []
+        room = f"Instances: {self._instances}" + (f", each for {' and '.join(named)}" if named else "")
         return (
             f"   {nodes} nodes, {leaves} leaves, at most {self._found.starts} starts of matches in an instance.\n"
-            f"{about}room is for {self._instances} with the sizes below.\n"
+            f"   {room}.\n"
             "   Work per event: for each leaf that it fits, the nodes above and their children.\n"
         )
 
@@ -121,7 +123,9 @@ class UnitWriter(Writer):
 
     def _sizes(self) -> Mapping[str, object]:
         found = self._found
-        instances = f"((RVAFT_CAPACITY + {self._share - 1}U) / {self._share}U)" if self._capacity else len(found.kinds)
+        share = self._share
+        shared = "RVAFT_CAPACITY" if share == 1 else f"((RVAFT_CAPACITY + {share - 1}U) / {share}U)"
+        instances = shared if self._capacity else len(found.kinds)
         needed = self._most("events") + 4 * found.depth + found.levels + 8
         room = min(needed, _ROOM * self._share) if self._capacity else needed
         return {

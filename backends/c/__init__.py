@@ -1,6 +1,8 @@
 """The `c` backend: a tree as one self-contained file of C99, for native and embedded monitors.
 
-The `limit` counts downward-closed sets of events of all scenarios. Only reading needs a C compiler.
+A tree whose matches need no joins is followed node by node, and has no partial matches; the `limit` counts the
+starts of matches that an instance keeps. For other trees it counts downward-closed sets of events of all scenarios.
+Only reading needs a C compiler.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -27,11 +29,11 @@ __all__ = ["CBackend"]
 
 
 class CBackend(Backend):
-    """C99 without allocation: tables of stages, and one runtime for all trees.
+    """C99 without allocation: tables of nodes or of stages, and one runtime for all trees.
 
     >>> from rvaft import loads
     >>> specification = CBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
-    >>> specification.metrics.states, "static const move moves[]" in specification.text
+    >>> specification.metrics.states, "static const node nodes[]" in specification.text
     (3, True)
     """
 

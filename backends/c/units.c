@@ -769,7 +769,7 @@ static void begin(rvaft_monitor *m) {
     for (i = 0; i <= t->mask && i < RVAFT_BUCKETS && t->mask != 0; i++) {
         t->head[i] = 0;
     }
-    t->mask = t->mask == 0 ? FEW : t->mask;
+    t->mask = FEW;
     t->count = 0;
     t->used = 0;
     t->spare = 0;

@@ -272,7 +272,9 @@ needs_frama_c = pytest.mark.skipif(
 )
 GATES = {name: load(TREES / "gates" / f"{name}.rvaft") for name in ("or", "and", "sand", "sand_rl", "pand", "vot")}
 WITHIN = loads("time ts as s late 0 s; top sand a b within 10 s;")
-NESTED = loads("time ts as s late 0 s; top and f g within 9 s; f times 3; g sand a h; h pand c d; c and p q; d sand r s;")
+NESTED = loads(
+    "time ts as s late 0 s; top and f g within 9 s; f times 3; g sand a h; h pand c d; c and p q; d sand r s;"
+)
 
 
 def analysis(text: str, file: Path, *options: str) -> str:
@@ -284,7 +286,9 @@ def analysis(text: str, file: Path, *options: str) -> str:
 @pytest.mark.slow
 @needs_frama_c
 @pytest.mark.parametrize(
-    ("tree", "semantics"), [*product(GATES.values(), Semantics), (WITHIN, SCATTERED), (NESTED, SCATTERED)], ids=lambda one: str(one)[:40]
+    ("tree", "semantics"),
+    [*product(GATES.values(), Semantics), (WITHIN, SCATTERED), (NESTED, SCATTERED)],
+    ids=lambda one: str(one)[:40],
 )
 def test_no_run_time_errors_by_eva(tree: RVAFT, semantics: Semantics, tmp_path: Path) -> None:
     """The functions that a contract names write no more than it says."""

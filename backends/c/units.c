@@ -330,11 +330,12 @@ static int has_key(const rvaft_monitor *m, const instance *r) { return r->key ==
 static int is_over(const rvaft_monitor *m, const instance *r) {
 #if RVAFT_EXPIRIES
 #if RVAFT_KEYED
-    int64_t latest = m->keys.item[r->key < RVAFT_KEYS ? r->key : 0].latest;
+    const key_state *seen = &m->keys.item[r->key < RVAFT_KEYS ? r->key : 0];
 #else
-    int64_t latest = m->latest;
+    const rvaft_monitor *seen = m;
 #endif
-    if (latest > r->latest && (uint64_t)latest - (uint64_t)r->latest > kind_of(r)->within) {
+    if (seen->has_latest && seen->latest > r->latest &&
+        (uint64_t)seen->latest - (uint64_t)r->latest > kind_of(r)->within) {
         return 1;
     }
 #endif

@@ -219,3 +219,19 @@ def test_an_impossible_choice_is_left_out(semantics: Semantics) -> None:
     compiled = CMonitor(BACKEND.translate(tree, semantics).text)
     trace = [{"event": "b"}] * 2
     assert [compiled.step(event) for event in trace] == [*Reference(tree, semantics).run(trace)]
+
+
+@pytest.mark.parametrize("capacity", [48, 50])
+def test_instances_of_keys_before_1970(capacity: int, tmp_path: Path) -> None:
+    """The first event of a key makes two instances; room is made in between."""
+    text = BACKEND.keyed([(("key",), ("key",))]).translate(loads(KEYED), SCATTERED).text
+    sizes = (f"-DRVAFT_CAPACITY={capacity}", "-DRVAFT_KEYS=400")
+    compile_c(text + PIECES, tmp_path / "monitor", ("-O1", "-DRVAFT_PLACES=1", *sizes))
+    events = [
+        {"key": key, "k": name, "u": key, "v": 1, "ts": -1_000_000 + key}
+        for key in range(300)
+        for name in ("x", "x", "x", "y", "y", "p", "q")
+    ]
+    code, out, _ = status(tmp_path / "monitor", b"\n".join(json.dumps(event).encode() for event in events))
+    assert code == 0
+    assert [int(line.split()[-1]) for line in out.splitlines()] == [7 * key + 7 for key in range(300)]

@@ -221,11 +221,10 @@ def test_an_impossible_choice_is_left_out(semantics: Semantics) -> None:
     assert [compiled.step(event) for event in trace] == [*Reference(tree, semantics).run(trace)]
 
 
-@pytest.mark.parametrize("capacity", [48, 50])
-def test_instances_of_keys_before_1970(capacity: int, tmp_path: Path) -> None:
-    """The first event of a key makes two instances; room is made in between."""
+def test_instances_of_many_keys_in_little_room(tmp_path: Path) -> None:
+    """The instances of keys that have detected make room for others; times are before 1970."""
     text = BACKEND.keyed([(("key",), ("key",))]).translate(loads(KEYED), SCATTERED).text
-    sizes = (f"-DRVAFT_CAPACITY={capacity}", "-DRVAFT_KEYS=400")
+    sizes = ("-DRVAFT_CAPACITY=48", "-DRVAFT_KEYS=400")
     compile_c(text + PIECES, tmp_path / "monitor", ("-O1", "-DRVAFT_PLACES=1", *sizes))
     events = [
         {"key": key, "k": name, "u": key, "v": 1, "ts": -1_000_000 + key}

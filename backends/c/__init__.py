@@ -1,6 +1,8 @@
 """The `c` backend: a tree as one self-contained file of C99, for native and embedded monitors.
 
-The `limit` counts downward-closed sets of events of all scenarios. Only reading needs a C compiler.
+A tree whose matches need no joins is followed node by node, and has no partial matches; the `limit` counts the
+starts of matches that an instance keeps. For other trees it counts downward-closed sets of events of all scenarios.
+Only reading needs a C compiler.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -17,8 +19,7 @@ from backends.c.questions import observed
 from backends.c.translation import EventTests, KeyField, translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends, simplify, windows_to_guards
-from rvaft.core.property import Condition, Part, Property
+from rvaft.core.property import Condition, EndInOrder, Part, Property, Times, Within
 from rvaft.errors import Reason, unwritten
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern
@@ -28,11 +29,11 @@ __all__ = ["CBackend"]
 
 
 class CBackend(Backend):
-    """C99 without allocation: tables of stages, and one runtime for all trees.
+    """C99 without allocation: tables of nodes or of stages, and one runtime for all trees.
 
     >>> from rvaft import loads
     >>> specification = CBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED)
-    >>> specification.metrics.states, "static const move moves[]" in specification.text
+    >>> specification.metrics.states, "static const node nodes[]" in specification.text
     (3, True)
     """
 
@@ -42,8 +43,7 @@ class CBackend(Backend):
     executes: ClassVar[bool] = True
     remark: ClassVar[str] = "/* {} */\n"
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, simplify)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, EndInOrder, Times, Within}
     operators: ClassVar[frozenset[Operator]] = OPERATORS
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
     values: ClassVar[frozenset[Value]] = JSON_VALUES

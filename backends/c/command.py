@@ -17,7 +17,7 @@ MOST: Final = 1 << 22
 @options.tree_argument
 @options.semantics_option
 @options.part_options
-@options.number("--limit", text="Maximum number of sets of events of all scenarios.")
+@options.number("--limit", text="Maximum number of sets of events of all scenarios, or of starts of matches.")
 @options.number("--capacity", default=CAPACITY, most=MOST, text="Maximum number of partial matches.")
 @click.option("-o", "--output", metavar="FILE", required=True, help="The program to write.")
 def build_command(*, tree: str, output: str, capacity: int, **chosen: Any) -> int:

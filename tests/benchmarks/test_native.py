@@ -153,3 +153,51 @@ def test_text_output_is_not_slower_than_the_engine(
     with capsys.disabled():
         print(f"\n{'telemetry as text':20} {native / decoded:5.2f}, the engine {engine / decoded:5.2f}")
     assert native <= engine
+
+
+def choices(number: int) -> tuple[str, list[str]]:
+    """An AND of choices of two leaves, and their events."""
+    names = [f"o{one}" for one in range(number)]
+    gates = "".join(f" {name} or {name}a {name}b;" for name in names)
+    return f"top and {' '.join(names)} within 1 h;{gates}", [f"{name}{leaf}" for name in names for leaf in "ab"]
+
+
+def counted(number: int, window: str) -> tuple[str, list[str]]:
+    return f'event e(n, u) = {{ event: n, user: u }}; top and f{window}; f on e("f", U) times {number};', ["f"]
+
+
+VOTES = [f"o{one}" for one in range(8)]
+GROWING: dict[str, tuple[list[tuple[str, list[str]]], float]] = {
+    "AND of 5, 10, 20, 40 choices": ([choices(one) for one in (5, 10, 20, 40)], 5),
+    "3 of 8": (
+        [(f"top and {' '.join(VOTES)} within 1 h;", VOTES), (f"top 3of8 {' '.join(VOTES)} within 1 h;", VOTES)],
+        2,
+    ),
+    "times 5, 50, 500": ([counted(one, "") for one in (5, 50, 500)], 3.5),
+    "times 5, 50, 500 in 1 h": ([counted(one, " within 1 h") for one in (5, 50, 500)], 3.5),
+}
+"""Trees of which each is larger than the one before, and the most time of the last as a multiple of the first."""
+
+
+@pytest.mark.parametrize("places", [False, True], ids=["verdicts", "places"])
+@pytest.mark.parametrize("case", GROWING)
+def test_time_for_an_event_of_larger_trees(
+    case: str, places: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios
+) -> None:
+    """A unit keeps no partial matches: 40 choices of two have a million million of them."""
+    trees, most = GROWING[case]
+    seconds, log, program = [], tmp_path / "log.jsonl", tmp_path / "monitor"
+    for text, names in trees:
+        random = Random(1)
+        lines = (
+            {"event": random.choice(names), "user": f"u{random.randrange(1000)}", "ts": number}
+            for number in range(EVENTS)
+        )
+        log.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+        written = translate(loads(f"time ts as s late 0 s; {text}"), "c", semantics=Semantics.SCATTERED)
+        build_program(written.text, program, CAPACITY, places=places)
+        seconds.append(min(running(program, "--detections", "--repeat", log) for _ in range(3)))
+    ratios.add(f"native: {case}{', with places' if places else ''}", "the smallest", seconds[-1] / seconds[0], most)
+    with capsys.disabled():
+        print(f"\n{case:30} {', '.join(f'{one / EVENTS * 1e6:.2f}' for one in seconds)} µs an event")
+    assert seconds[-1] / seconds[0] < most

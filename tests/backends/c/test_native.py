@@ -189,7 +189,7 @@ ONE_KEY = ("--key", "n", "--max-keys", "1")
 @pytest.mark.parametrize(
     ("text", "lines", "wrong"),
     [
-        (TIED, ['{"k": 1, "u": 1}', '{"k": 1, "u": 2}', '{"k": 1, "u": 3}'], "partial matches or texts of the"),
+        (TIED, [f'{{"k": 1, "u": {number}}}' for number in range(1, 5)], "partial matches or texts of the"),
         (TIED, ['{"k": 1, "u": 1, "n": "x"}', '{"k": 1, "u": 2, "n": "y"}'], "different values of n"),
         (TIED, ['{"k": 1, "u": 1}', '{"k": 1, "u": nope}'], "log.jsonl:2: not JSON"),
         (TEXTS, ['{"k": "e", "u": 1}', '{"k": "f", "u": 1, "u": 1}'], 'log.jsonl:2: the key "u" is repeated'),

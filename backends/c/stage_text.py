@@ -1,0 +1,185 @@
+"""The writer of C for a property whose partial matches have stages."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import ClassVar, Final
+
+from backends.c.events import expression
+from backends.c.stages import Load, Slot, StageTable, TableStage, Test, Transition, slot_of
+from backends.c.text import CELL, WORD, ConstantTable, EventTests, KeyField, Writer, array, laid_out, times
+from rvaft.core.property import Property
+from rvaft.model.guards import Guard, Operator
+from rvaft.model.verdict import Semantics
+
+CAPACITY: Final = 1024
+"""The default number of partial matches."""
+
+
+class StageWriter(Writer):
+    """Writes stages, and their moves."""
+
+    runtime: ClassVar[str] = "stages.c"
+
+    def __init__(
+        self,
+        prop: Property,
+        semantics: Semantics,
+        found: StageTable,
+        key: Sequence[KeyField],
+        counted: EventTests | None,
+    ) -> None:
+        super().__init__(prop, semantics, key, counted)
+        self._found = found
+        self._scattered = semantics is Semantics.SCATTERED
+        self._loads, self._joins, self._slots, self._order, self._expiries = (ConstantTable() for _ in range(5))
+        self._most_links = 1
+
+    def _observing(self) -> Property:
+        return self._prop
+
+    def _guard(self, tests: Iterable[Test], bound: Mapping[str, int]) -> int:
+        """Return the number of the conjunction of some tests, 0 for none."""
+        parts = []
+        for test in tests:
+            loads = dict(test.loads)
+
+            def term(guard: Guard, loads: Mapping[Slot, Load] = loads) -> str | None:
+                slot = slot_of(guard)
+                return None if slot is None else _term(slot, loads[slot], bound)
+
+            parts.append(f"holds({expression(test.guard, term)})")
+        text = " && ".join(dict.fromkeys(parts))
+        return self._guards.setdefault(text, len(self._guards) + 1) if text else 0
+
+    def _links(self, stage: TableStage) -> list[tuple[int, ...]]:
+        """Return the lists of slots by which partial matches of a stage are found."""
+        exact = tuple(range(stage.exact))
+        joined = (tuple(sorted(slot for slot, _ in move.joins)) for move in stage.moves)
+        return list(dict.fromkeys((exact, *joined))) if self._scattered else [exact]
+
+    def _move(self, number: int, move: Transition, links: Sequence[tuple[int, ...]]) -> str:
+        pattern = self._pattern(move.pattern)
+        bound = self._bound[pattern]
+        guard = self._guard(move.tests, bound)
+        loads = self._loads.place([_load(slot, load, bound) for slot, load in move.loads])
+        joins = self._joins.place([f"{{{slot}, {bound[name]}}}" for slot, name in move.joins])
+        link = links.index(tuple(sorted(slot for slot, _ in move.joins))) if self._scattered else 0
+        return f"{{{number}, {move.target}, {pattern}, {guard}, {loads}, {joins}, {len(move.joins)}, {link}}}"
+
+    def _tables(self) -> str:
+        stages = self._found.stages
+        rows, moves, owners = list[str](), list[str](), list[int]()
+        for number, stage in enumerate(stages):
+            links = self._links(stage)
+            self._most_links = max(self._most_links, len(links))
+            link = self._slots.place([str(one) for slots in links for one in (len(slots), *slots)])
+            order = self._order.place([str(int(one)) for one in stage.smaller])
+            expiries = self._expiries.place([f"{{{slot}, INT64_C({most})}}" for slot, most in stage.expiries])
+            if self.late is None:
+                expiries = 0
+            rows.append(
+                f"{{{stage.rank}, {len(stage.slots)}, {stage.exact}, {len(moves)}, {len(stage.moves)}, {len(links)}, "
+                f"{link}, {order}, {expiries}, {len(stage.expiries)}}}"
+            )
+            for move in stage.moves:
+                moves.append(self._move(number, move, links))
+                owners.append(number)
+        made = [
+            array("stage", "stages", rows),
+            array("move", "moves", moves or ["{0, 0, 0, 0, 0, 0, 0, 0}"]),
+            array("load", "loads", self._loads.rows or ["{COPY, 0, 0}"]),
+            array("join", "joins", self._joins.rows or ["{0, 0}"]),
+            array("uint16_t", "link_slots", self._slots.rows),
+            array("uint8_t", "slot_order", self._order.rows or ["0"]),
+            array("uint32_t", "starts", [str(one) for one in self._found.starts]),
+            self._key_fields(),
+        ]
+        if self._scattered:
+            made += self._moves_by_pattern(owners)
+        signature = "rvaft_monitor *m, uint32_t number, const cell *old, const rvaft_event *e"
+        unused = ("    int *error = &m->error;\n", "    (void)error;\n    (void)old;\n    (void)e;\n")
+        return "".join([*made, self._matching(signature, unused)])
+
+    def _moves_by_pattern(self, owners: Sequence[int]) -> Iterator[str]:
+        stages = self._found.stages
+        order = sorted(range(len(owners)), key=lambda number: stages[owners[number]].rank)
+        all_moves = [move for stage in stages for move in stage.moves]
+        by_pattern: list[list[int]] = [[] for _ in self._tests] or [[]]
+        for number in order:
+            by_pattern[self._patterns[all_moves[number].pattern]].append(number)
+        begins = [sum(map(len, by_pattern[:place])) for place in range(len(by_pattern) + 1)]
+        yield array("uint32_t", "pattern_moves", [str(one) for one in begins])
+        yield array("uint32_t", "sorted_moves", [str(one) for some in by_pattern for one in some] or ["0"])
+        if self._expiring:
+            yield array("expiry", "expiries", self._expiries.rows)
+
+    @property
+    def _expiring(self) -> bool:
+        return self._scattered and self.late is not None and bool(self._expiries.rows)
+
+    @property
+    def _counts(self) -> tuple[int, int]:
+        return len(self._found.stages), sum(len(stage.moves) for stage in self._found.stages)
+
+    @property
+    def _width(self) -> int:
+        return max(len(stage.slots) for stage in self._found.stages)
+
+    def _summary(self) -> str:
+        stages, moves = self._counts
+        most = max((len(stage.moves) for stage in self._found.stages), default=0)
+        return (
+            f"   {stages} stages, {moves} moves, at most {self._width} values in a partial match.\n"
+            f"   Work per event: at most {most} moves for each of RVAFT_CAPACITY partial matches.\n"
+        )
+
+    @property
+    def _capacity(self) -> int:
+        return CAPACITY if self._width else len(self._found.stages)
+
+    @property
+    def _texts(self) -> int:
+        return int(any(not slot.timed for stage in self._found.stages for slot in stage.slots))
+
+    def _members(self) -> Iterable[tuple[int, int]]:
+        links = self._most_links
+        own = 2 if self._key else 0
+        partial = laid_out(times(WORD, links + 1 + own), times(CELL, max(1, self._width)))
+        buckets = times(WORD, 2 * links * self._buckets)
+        store = laid_out(times(WORD, 3), buckets, times(partial, self._capacity + 1))
+        return [WORD, WORD, times(store, 1 if self._scattered else 2)]
+
+    def _sizes(self) -> Mapping[str, object]:
+        stages = self._found.stages
+        return {
+            "SCATTERED": int(self._scattered),
+            "PROJECTS": int(self._semantics.projects),
+            "CONSECUTIVE": int(self._semantics is Semantics.CONSECUTIVE),
+            "STORES": 1 if self._scattered else 2,
+            "WIDTH": max(1, self._width),
+            "DEPTH": max(stage.rank for stage in stages),
+            "LINKS": self._most_links,
+            "STARTS": len(self._found.starts),
+            "STAGES": len(stages),
+            "MOVES": max(1, self._counts[1]),
+            "EXPIRIES": int(self._expiring),
+        }
+
+
+def _term(slot: Slot, load: Load, bound: Mapping[str, int]) -> str:
+    if load.variable:
+        return f"E({bound[load.variable]})"
+    if load.slot is None:
+        return "AT"
+    if not load.now:
+        return f"OLD({load.slot})"
+    return f"{'later' if slot.operator is Operator.MAX else 'earlier'}(OLD({load.slot}), AT)"
+
+
+def _load(slot: Slot, load: Load, bound: Mapping[str, int]) -> str:
+    if load.variable:
+        return f"{{FIELD, 0, {bound[load.variable]}}}"
+    if load.slot is None:
+        return "{NOW, 0, 0}"
+    if not load.now:
+        return f"{{COPY, {load.slot}, 0}}"
+    return f"{{{'LATEST' if slot.operator is Operator.MAX else 'EARLIEST'}, {load.slot}, 0}}"

@@ -1,0 +1,606 @@
+/* @types */
+#define MAX_LINKS RVAFT_LINKS
+
+typedef struct partial {
+    uint32_t next[MAX_LINKS];
+    uint32_t stage;
+#if RVAFT_KEYED
+    uint32_t key; /* NONE before the first event */
+    uint32_t era; /* of the key */
+#endif
+    cell slot[RVAFT_WIDTH];
+#if RVAFT_PLACES
+    uint32_t taken;
+    place events[RVAFT_DEPTH];
+#endif
+} partial;
+
+/* Partial matches with hash tables. The first has the partial matches that are equal except for
+   times that can be compared; the others have those that one move concerns. */
+typedef struct bucket {
+    uint32_t head;
+    uint32_t epoch; /* a bucket of another epoch is empty */
+} bucket;
+
+typedef struct store {
+    uint32_t count;
+    uint32_t epoch;
+    uint32_t mask; /* of the buckets in use: fewer stay in the cache */
+    bucket buckets[MAX_LINKS][RVAFT_BUCKETS];
+    partial item[RVAFT_CAPACITY + 1]; /* the one after the last is being made */
+} store;
+
+/* @members */
+    uint32_t sweep_at;
+    uint32_t now; /* the store with the partial matches */
+    store stores[RVAFT_STORES];
+#if RVAFT_PLACES
+    partial match; /* after a detection */
+#endif
+
+/* @rows */
+typedef struct stage {
+    uint32_t rank; /* a move leads to a lower rank; 0 detects */
+    uint16_t slots;
+    uint16_t exact; /* the first slots must be equal for one partial match to replace another */
+    uint32_t move;  /* the first move */
+    uint16_t moves;
+    uint16_t links;
+    uint32_t link;    /* the first list of slots in link_slots */
+    uint32_t order;   /* in slot_order: 1 if a smaller time is better, else 0, after the exact slots */
+    uint32_t expiry;  /* the first in expiries */
+    uint32_t expires; /* the number of expiries */
+} stage;
+
+typedef struct move {
+    uint32_t stage;
+    uint32_t target;
+    uint32_t pattern;
+    uint32_t guard; /* 0: none */
+    uint32_t load;  /* the first in loads, one for each slot of the target */
+    uint32_t join;  /* the first in joins */
+    uint16_t joins;
+    uint16_t link;
+} move;
+
+enum { COPY, FIELD, NOW, LATEST, EARLIEST };
+
+typedef struct load {
+    uint8_t from;
+    uint8_t slot;
+    uint16_t field;
+} load;
+
+typedef struct join {
+    uint16_t slot;
+    uint16_t field;
+} join;
+
+typedef struct expiry {
+    uint32_t slot;
+    int64_t most;
+} expiry;
+
+/* @marks */
+static const stage *stage_of(const partial *p) { return &ROW(stages, p->stage); }
+
+static const cell *slot_of(const partial *p, uint32_t n) { return &ROW(p->slot, n); }
+
+static void mark_texts(rvaft_monitor *m) {
+    uint32_t s, i, k;
+    memset(m->texts.live, 0, sizeof m->texts.live);
+    for (s = 0; s < RVAFT_STORES; s++) {
+        for (i = 0; i < m->stores[s].count && i < RVAFT_CAPACITY; i++) {
+            const partial *p = &m->stores[s].item[i];
+            for (k = 0; k < stage_of(p)->slots; k++) {
+                mark_text(&m->texts, slot_of(p, k));
+            }
+        }
+    }
+    for (i = 0; i < RVAFT_FIELDS; i++) {
+        if (m->known[i] == 2) {
+            mark_text(&m->texts, &m->cells[i]);
+        }
+    }
+}
+
+/* @matches */
+/* Stores. */
+
+static void clear_store(store *s) {
+    s->count = 0;
+    s->mask = s->mask == 0 ? FEW : s->mask;
+    s->epoch++;
+    if (s->epoch == 0) {
+        memset(s->buckets, 0, sizeof s->buckets);
+        s->epoch = 1;
+    }
+}
+
+#if RVAFT_KEYED
+#define KEY_OF(p) ((p)->key)
+#define CURRENT_KEY(m) ((m)->key)
+static int is_void(const rvaft_monitor *m, const partial *p) {
+    return p->key < RVAFT_KEYS && m->keys.item[p->key].era != p->era;
+}
+#else
+#define KEY_OF(p) NONE
+#define CURRENT_KEY(m) NONE
+#define is_void(m, p) 0
+#endif
+
+/* The place of a partial match in a hash table depends on its stage, some of its cells, and its key. */
+static uint64_t hash_of(uint32_t stage_number, uint32_t link) { return (uint64_t)stage_number << 32 | link; }
+
+static uint64_t hash_with(uint64_t h, const cell *c) {
+    h = (h ^ c->hash) * UINT64_C(0xD6E8FEB86659FD93);
+    return h ^ h >> 32;
+}
+
+static uint32_t bucket_of(const store *s, uint64_t h, uint32_t key) {
+    h = (h ^ (uint64_t)(key + 1U) << 32) * UINT64_C(0x9E3779B97F4A7C15);
+    return (uint32_t)(h >> 32 ^ h >> 61) & s->mask & (RVAFT_BUCKETS - 1);
+}
+
+static uint32_t first_in(const store *s, uint32_t link, uint32_t place) {
+    const bucket *b = &ROW(s->buckets, link)[place];
+    return b->epoch == s->epoch ? b->head : NONE;
+}
+
+static void link_at(store *s, uint32_t number, uint32_t link, uint32_t home) {
+    s->item[number].next[link] = first_in(s, link, home);
+    s->buckets[link][home].head = number;
+    s->buckets[link][home].epoch = s->epoch;
+}
+
+/* The place in the first table, of all exact slots. */
+static uint32_t first_place(const store *s, const partial *p) {
+    uint64_t h = hash_of(p->stage, 0);
+    uint32_t i;
+    for (i = 0; i < stage_of(p)->exact; i++) {
+        h = hash_with(h, slot_of(p, i));
+    }
+    return bucket_of(s, h, KEY_OF(p));
+}
+
+/* Put a partial match, whose place in the first table is known, into all tables. */
+static void link_partial(store *s, uint32_t number, uint32_t home) {
+    const partial *p = &s->item[number];
+    const stage *st = stage_of(p);
+    uint32_t link, at = st->link + 1 + st->exact;
+    link_at(s, number, 0, home);
+    for (link = 1; link < st->links && link < MAX_LINKS; link++) {
+        uint32_t stop = at + 1 + ROW(link_slots, at);
+        uint64_t h = hash_of(p->stage, link);
+        for (at++; at < stop; at++) {
+            h = hash_with(h, slot_of(p, ROW(link_slots, at)));
+        }
+        link_at(s, number, link, bucket_of(s, h, KEY_OF(p)));
+    }
+}
+
+static int same_cell(const cell *a, const cell *b) { return a->tag == b->tag && a->bits == b->bits; }
+
+/* Compare two partial matches of a stage with equal exact slots: 1 if `p` is at least as good as
+   `q`, -1 if `q` is better, else 0. */
+static int better(const stage *st, const partial *p, const partial *q) {
+    uint32_t i;
+    int p_good = 1, q_good = 1;
+    for (i = st->exact; i < st->slots; i++) {
+        int64_t a = slot_of(p, i)->bits, b = slot_of(q, i)->bits;
+        if (a != b) {
+            int p_wins = ROW(slot_order, st->order + i - st->exact) ? a < b : a > b;
+            p_good = p_good && p_wins;
+            q_good = q_good && !p_wins;
+        }
+    }
+    return p_good ? 1 : q_good ? -1 : 0;
+}
+
+/* The partial match that is being made. */
+static partial *next_partial(store *s) { return &s->item[s->count < RVAFT_CAPACITY ? s->count : RVAFT_CAPACITY]; }
+
+#if RVAFT_PLACES
+/* Copy the places of the events; returns their number, with which one more has room. */
+static uint32_t copy_places(partial *to, const partial *from) {
+    uint32_t i;
+    for (i = 0; i < from->taken && i + 1 < RVAFT_DEPTH; i++) {
+        place moved = from->events[i];
+        to->events[i] = moved;
+    }
+    return i;
+}
+#endif
+
+/* Keep the partial match that has been made, unless another one is at least as good. */
+static void insert_partial(rvaft_monitor *m, store *s) {
+    const partial *p = next_partial(s);
+    const stage *st = stage_of(p);
+    uint32_t i, home = first_place(s, p), at = first_in(s, 0, home);
+    for (; at < RVAFT_CAPACITY; at = s->item[at].next[0]) {
+        partial *other = &s->item[at];
+        if (other->stage == p->stage && KEY_OF(other) == KEY_OF(p) && !is_void(m, other)) {
+            int equal = 1, order;
+            for (i = 0; equal && i < st->exact; i++) {
+                equal = same_cell(slot_of(p, i), slot_of(other, i));
+            }
+            if (equal) {
+                order = better(st, other, p);
+                if (order > 0) {
+                    return;
+                }
+                if (order < 0) {
+                    for (i = st->exact; i < st->slots && i < RVAFT_WIDTH; i++) {
+                        cell moved = p->slot[i];
+                        other->slot[i] = moved;
+                    }
+#if RVAFT_PLACES
+                    other->taken = copy_places(other, p);
+#endif
+                    return;
+                }
+            }
+        }
+    }
+    at = s->count;
+    if (at >= RVAFT_CAPACITY) {
+        m->error = RVAFT_FULL;
+        return;
+    }
+    link_partial(s, at, home);
+    s->count = at + 1;
+}
+
+/*@ assigns *m, *s; */
+static void insert_starts(rvaft_monitor *m, store *s) {
+    uint32_t i;
+    for (i = 0; i < RVAFT_STARTS; i++) {
+        partial *p = next_partial(s);
+        p->stage = starts[i];
+#if RVAFT_KEYED
+        p->key = NONE;
+        p->era = 0;
+#endif
+#if RVAFT_PLACES
+        p->taken = 0;
+#endif
+        insert_partial(m, s);
+    }
+}
+
+/* Try a move from a partial match; returns 1 if it detects. */
+static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *mv, const rvaft_event *e) {
+    partial *made = next_partial(to);
+    const stage *st = &ROW(stages, mv->target);
+    uint32_t i;
+    for (i = 0; i < mv->joins; i++) {
+        const join *j = &ROW(joins, mv->join + i);
+        const cell *c = cell_of(m, e, j->field, 0);
+        if (c->tag == RVAFT_UNDEFINED || !same_cell(c, slot_of(p, j->slot))) {
+            return 0;
+        }
+    }
+    if (mv->guard != 0 && (!guard(m, mv->guard, p->slot, e) || m->error != 0)) {
+        return 0;
+    }
+#if RVAFT_PLACES
+    made = st->rank == 0 ? &m->match : made;
+    i = copy_places(made, p);
+    made->events[i] = e->at;
+    made->taken = i + 1;
+#endif
+    if (st->rank == 0) {
+        return m->error == 0;
+    }
+    made->stage = mv->target;
+#if RVAFT_KEYED
+    made->key = m->key;
+    made->era = ROW(m->keys.item, m->key).era;
+#endif
+    for (i = 0; i < st->slots && i < RVAFT_WIDTH; i++) {
+        const load *l = &ROW(loads, mv->load + i);
+        cell *c = &made->slot[i];
+        rvaft_value t;
+        if (l->from == COPY) {
+            *c = *slot_of(p, l->slot);
+            continue;
+        }
+        if (l->from == FIELD) {
+            *c = *cell_of(m, e, l->field, 1);
+            continue;
+        }
+        t = AT;
+        if (l->from != NOW) {
+            rvaft_value before = value_of(m, slot_of(p, l->slot));
+            t = l->from == LATEST ? later(before, t) : earlier(before, t);
+        }
+        c->tag = t.tag;
+        c->bits = t.integer;
+        if (i < st->exact) {
+            c->hash = mixed(((uint64_t)c->bits ^ m->seed ^ c->tag) * UINT64_C(0x9E3779B97F4A7C15));
+        }
+    }
+    for (i = st->exact; i < st->slots; i++) {
+        if (slot_of(made, i)->tag == RVAFT_UNDEFINED) { /* a guard over this time can never hold */
+            return 0;
+        }
+    }
+    if (m->error == 0) {
+        insert_partial(m, to);
+    }
+    return 0;
+}
+
+#if RVAFT_SCATTERED
+
+#if RVAFT_EXPIRIES
+static int expired(const rvaft_monitor *m, const partial *p) {
+    const stage *st = stage_of(p);
+    uint32_t i;
+    for (i = 0; i < st->expires; i++) {
+        const expiry *x = &ROW(expiries, st->expiry + i);
+        int64_t from = slot_of(p, x->slot)->bits;
+#if RVAFT_KEYED
+        int64_t latest = ROW(m->keys.item, p->key).latest; /* with slots it has a key */
+#else
+        int64_t latest = m->latest;
+#endif
+        if (latest > from && (uint64_t)latest - (uint64_t)from > (uint64_t)x->most + (uint64_t)RVAFT_LATE) {
+            return 1;
+        }
+    }
+    return 0;
+}
+#endif
+
+/* Remove the partial matches that no further event can complete in time, and adapt the number of
+   buckets; again when there are twice as many, so that the work per event stays bounded. */
+static void sweep(rvaft_monitor *m, store *s) {
+    uint32_t i, kept = 0, count = s->count;
+    for (i = 0; i < count && i < RVAFT_CAPACITY; i++) {
+#if RVAFT_EXPIRIES
+        if (m->has_latest && expired(m, &s->item[i])) {
+            continue;
+        }
+#endif
+        if (is_void(m, &s->item[i])) {
+            continue;
+        }
+        if (kept < i) {
+            partial moved = s->item[i];
+            s->item[kept] = moved;
+        }
+        kept++;
+    }
+    while (s->mask < RVAFT_BUCKETS - 1 && s->mask < 4 * kept) {
+        s->mask = s->mask * 2 + 1;
+    }
+    clear_store(s);
+    for (i = 0; i < kept && i < RVAFT_CAPACITY; i++) {
+        link_partial(s, i, first_place(s, &s->item[i]));
+    }
+    s->count = kept;
+    m->sweep_at = kept < FEW ? 2 * FEW : kept < RVAFT_CAPACITY / 2 ? 2 * kept : kept + (RVAFT_CAPACITY - kept) / 2;
+    m->sweep_at = m->sweep_at < RVAFT_CAPACITY ? m->sweep_at : RVAFT_CAPACITY - RVAFT_CAPACITY / 8;
+}
+
+/* Try all moves of a pattern, or of several in the order of ranks, so that no event is used twice. */
+/*@ assigns *m; */
+static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count) {
+    store *s = &m->stores[0];
+    uint32_t cursor[RVAFT_PATTERNS] = {0}, i;
+    if (s->count > m->sweep_at) {
+        sweep(m, s);
+    }
+    for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
+        cursor[i] = ROW(pattern_moves, matched[i]);
+    }
+    for (;;) {
+        uint32_t best = 0, rank = NONE, at, k, key = NONE, slot, last;
+        const move *mv;
+        uint64_t h;
+        for (i = 0; count > 1 && i < count && i < RVAFT_PATTERNS; i++) {
+            uint32_t next = cursor[i];
+            if (next < ROW(pattern_moves, matched[i] + 1) && next < RVAFT_MOVES) {
+                uint32_t its = ROW(stages, ROW(moves, sorted_moves[next]).stage).rank;
+                if (its < rank) {
+                    rank = its;
+                    best = i;
+                }
+            }
+        }
+        at = cursor[best];
+        if (at >= ROW(pattern_moves, matched[best] + 1) || at >= RVAFT_MOVES) {
+            return 0; /* no pattern has another move */
+        }
+        cursor[best] = at + 1;
+        mv = &ROW(moves, sorted_moves[at]);
+        slot = ROW(stages, mv->stage).link;
+        for (k = 0; k < mv->link; k++) {
+            slot += 1U + ROW(link_slots, slot);
+        }
+        h = hash_of(mv->stage, mv->link);
+        last = slot + ROW(link_slots, slot);
+        for (; slot < last; slot++) {
+            uint32_t join = mv->join;
+            while (join + 1 < mv->join + mv->joins && ROW(joins, join).slot != ROW(link_slots, slot + 1)) {
+                join++;
+            }
+            h = hash_with(h, cell_of(m, e, ROW(joins, join).field, 0));
+        }
+        for (;;) { /* those without an event, and those of the key */
+            at = first_in(s, mv->link, bucket_of(s, h, key));
+            while (at < RVAFT_CAPACITY && m->error == 0) {
+                const partial *p = &s->item[at];
+                at = ROW(p->next, mv->link);
+                if (p->stage == mv->stage && KEY_OF(p) == key && !is_void(m, p) && try_move(m, s, p, mv, e)) {
+                    return 1;
+                }
+            }
+            if (m->error != 0) {
+                return 0;
+            }
+            if (key == CURRENT_KEY(m)) {
+                break;
+            }
+            key = CURRENT_KEY(m);
+        }
+    }
+}
+
+#else
+
+/* Replace the partial matches by those that the event extends. */
+/*@ assigns *m; */
+static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *matches) {
+    store *from = &m->stores[m->now], *to = &m->stores[1 - m->now];
+    uint32_t i, k;
+    clear_store(to);
+    for (i = 0; i < from->count && i < RVAFT_CAPACITY; i++) {
+        const partial *p = &from->item[i];
+        const stage *st = stage_of(p);
+        for (k = 0; k < st->moves; k++) {
+            const move *mv = &ROW(moves, st->move + k);
+            if (matches[mv->pattern]) {
+                if (try_move(m, to, p, mv, e)) {
+                    return 1;
+                }
+                if (m->error != 0) {
+                    return 0;
+                }
+            }
+        }
+    }
+    m->now = 1 - m->now;
+    return 0;
+}
+
+#endif
+
+/* @begin */
+static void begin(rvaft_monitor *m) {
+    m->sweep_at = RVAFT_CAPACITY < 2 * FEW ? RVAFT_CAPACITY - RVAFT_CAPACITY / 8 : 2 * FEW;
+    m->now = 0;
+    clear_store(&m->stores[0]);
+    insert_starts(m, &m->stores[0]);
+}
+
+/* @step */
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
+    assigns *m;
+    ensures sound(m) && \result == outcome(m);
+    behavior final:
+        assumes outcome(m) != RVAFT_UNKNOWN;
+        assigns \nothing;
+        ensures \result == \old(outcome(m)); */
+static int step(rvaft_monitor *m, const rvaft_event *e) {
+    uint8_t matches[RVAFT_PATTERNS];
+    int late, verdict = RVAFT_UNKNOWN;
+    uint32_t i;
+    if (m->error != 0) {
+        return m->error;
+    }
+    if (m->verdict != RVAFT_UNKNOWN) {
+        return m->verdict;
+    }
+    /*@ loop invariant 0 <= i <= RVAFT_FIELDS;
+        loop assigns i, m->known[0 .. RVAFT_FIELDS - 1];
+        loop variant RVAFT_FIELDS - i; */
+    for (i = 0; i < RVAFT_FIELDS; i++) {
+        if (e->field[i].tag == RVAFT_BIG && e->field[i].text == NULL) { /* a double of more than 64 bits */
+            m->error = RVAFT_UNSUPPORTED;
+            return m->error;
+        }
+        m->known[i] = 0;
+    }
+    late = is_late(m, e);
+#if RVAFT_PROJECTS
+    if (late || !relevant(&m->error, e)) {
+        return decided(m, RVAFT_UNKNOWN);
+    }
+#endif
+#if RVAFT_SCATTERED
+    if (!late) {
+        uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0;
+        match(matches, e);
+        /*@ loop invariant 0 <= count <= i <= RVAFT_PATTERNS;
+            loop assigns i, count, matched[0 .. RVAFT_PATTERNS - 1];
+            loop variant RVAFT_PATTERNS - i; */
+        for (i = 0; i < RVAFT_PATTERNS; i++) {
+            if (matches[i]) {
+                matched[count++] = i;
+            }
+        }
+        if (count != 0 && scattered(m, e, matched, count)) {
+            verdict = RVAFT_TRUE;
+        }
+    }
+#else
+    if (late) {
+        /*@ loop invariant 0 <= i <= RVAFT_PATTERNS;
+            loop assigns i, matches[0 .. RVAFT_PATTERNS - 1];
+            loop variant RVAFT_PATTERNS - i; */
+        for (i = 0; i < RVAFT_PATTERNS; i++) {
+            matches[i] = 0;
+        }
+    } else {
+        match(matches, e);
+    }
+    if (replaced(m, e, matches)) {
+        verdict = RVAFT_TRUE;
+    }
+#if RVAFT_CONSECUTIVE
+    if (verdict == RVAFT_UNKNOWN && m->error == 0) {
+        insert_starts(m, &ROW(m->stores, m->now));
+    }
+#else
+    if (verdict == RVAFT_UNKNOWN && ROW(m->stores, m->now).count == 0) {
+        verdict = RVAFT_FALSE;
+    }
+#endif
+#endif
+    return decided(m, verdict);
+}
+
+/* @state */
+/* The state as bytes: equal states have equal futures. Returns their number; writes at most `size`
+   of them (at least 12). The greatest time and each partial match are a record: its size, its bytes. */
+RVAFT_API size_t rvaft_state(const rvaft_monitor *m, char *to, size_t size) {
+    const store *s = &m->stores[m->now];
+    size_t used = 0;
+    uint32_t i, k;
+    if (m->has_latest && size >= 12) {
+        uint32_t record = sizeof m->latest;
+        memcpy(to, &record, sizeof record);
+        memcpy(to + 4, &m->latest, sizeof m->latest);
+        used = 12;
+    }
+    for (i = 0; i < s->count; i++) {
+        const partial *p = &s->item[i];
+        uint32_t record = (uint32_t)sizeof p->stage;
+        for (k = 0; k < stage_of(p)->slots; k++) {
+            record += p->slot[k].tag >= RVAFT_BIG ? 8U + m->texts.size[p->slot[k].bits] : 12U;
+        }
+        if (used + sizeof record + record <= size) {
+            memcpy(to + used, &record, sizeof record);
+            memcpy(to + used + 4, &p->stage, 4);
+            used += 8;
+            for (k = 0; k < stage_of(p)->slots; k++) {
+                const cell *c = &p->slot[k];
+                memcpy(to + used, &c->tag, 4);
+                if (c->tag >= RVAFT_BIG) {
+                    uint32_t length = m->texts.size[c->bits];
+                    memcpy(to + used + 4, &length, 4);
+                    memcpy(to + used + 8, m->texts.bytes + m->texts.start[c->bits], length);
+                    used += 8 + length;
+                } else {
+                    memcpy(to + used + 4, &c->bits, 8);
+                    used += 12;
+                }
+            }
+        } else {
+            used += sizeof record + record;
+        }
+    }
+    return used;
+}

@@ -1,0 +1,194 @@
+"""The nodes of units as rows of C tables, and the places of their matches in an instance.
+
+An instance keeps for each child of a gate without order its match that starts last, and for each child of a
+sequence but the last one that of the children up to it. A match has *levels*: its start, and those of
+the matches that had to be complete before its first event, one for each sequence around it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple, assert_never
+
+from rvaft.engine.units import Op, Unit, UnitLeaf
+
+NONE: Final = "NONE"
+NEVER: Final = "UINT64_MAX"
+_MOST: Final = (1 << 64) - 1
+
+
+class Kind(NamedTuple):
+    """The instances of a unit, or those with the last events of a leaf that has variables of its own."""
+
+    names: int
+    slots: int
+    starts: int
+    rings: int
+    order: int
+    window: int | None
+    events: int
+    """The number of places of events that the matches of an instance may need."""
+
+
+class PlacedLeaf(NamedTuple):
+    """A leaf with its node, unit and kind as numbers, and the places of what it needs and keeps."""
+
+    leaf: UnitLeaf
+    node: int
+    unit: int
+    after: int | None
+    levels: int
+    names: tuple[str, ...]
+    """The variables that name its instance, and those of its own."""
+    kind: int
+    """The kind of the instance that has its last events."""
+    ring: int
+    room: int
+    settled: bool
+    """Whether no event is of use once the leaf, or a node above, is complete."""
+
+
+@dataclass
+class UnitTables:
+    """The tables of some units."""
+
+    kinds: list[Kind] = field(default_factory=list)
+    leaves: list[PlacedLeaf] = field(default_factory=list)
+    """The leaves of each unit, the last one first: an event that serves two leaves of a sequence follows those before
+    it at both."""
+    nodes: list[str] = field(default_factory=list)
+    names: list[str] = field(default_factory=list)
+    """The names of the nodes."""
+    levels: int = 1
+    depth: int = 1
+    """The greatest number of events of a match."""
+
+    @property
+    def timed(self) -> bool:
+        """Whether a window depends on times."""
+        return any(one.leaf.timed for one in self.leaves)
+
+    @property
+    def starts(self) -> int:
+        """The greatest number of starts in an instance."""
+        return max(kind.starts for kind in self.kinds)
+
+
+def tables_of(units: Sequence[Unit]) -> UnitTables:
+    """Return the tables of units.
+
+    >>> import rvaft
+    >>> from rvaft.core.build import build
+    >>> from rvaft.engine.units import units
+    >>> made = tables_of(units(build(rvaft.loads("top sand a b c;"))) or ())
+    >>> made.starts, [one.after for one in made.leaves]
+    (2, [1, 0, None])
+    """
+    made, own = UnitTables(), list[Kind]()
+    for number, unit in enumerate(units):
+        own += _Placing(unit, number, made, len(units) + len(own)).own
+    made.kinds += own
+    return made
+
+
+class _Placing:
+    """Places the nodes of one unit; `own` are the kinds of its leaves with variables of their own."""
+
+    def __init__(self, unit: Unit, number: int, made: UnitTables, free: int) -> None:
+        self._unit = unit
+        self._base = len(made.nodes)
+        size = len(unit.places)
+        self._depth = [0] * size
+        """The number of matches that had to be complete before the first event of a match."""
+        for node in range(1, size):
+            self._depth[node] = self._depth[unit.places[node].gate] + self._pops(node)
+        self._slots = dict[int, int]()
+        slots = 0
+        for node in range(1, size):
+            if unit.places[node].op is not Op.ONE and not (self._ordered(node) and unit.places[node].last):
+                self._slots[node] = slots
+                slots += self._levels(node)
+        self._order, order = dict[int, int](), 0
+        for node, below in enumerate(unit.children):
+            if below and unit.places[below[0]].op in (Op.ALL, Op.AT_LEAST):
+                self._order[node] = order
+                order += len(below)
+        weights = [*self._weights()]
+        events = sum(2 * weights[0] * self._levels(node) for node in self._slots)
+        self.own = list[Kind]()
+        starts, rings = slots, 0
+        leaves = list[PlacedLeaf]()
+        for leaf in unit.leaves:
+            leaves.append(self._leaf(leaf, number, free + len(self.own), starts, rings))
+            levels = leaves[-1].levels
+            room = leaf.number * levels if leaf.number > 1 else 0
+            needed = 4 * leaf.number + 2 * weights[0] * (levels - 1) * leaf.number if room else 0
+            if leaf.own:
+                names = len(unit.key) + len(leaf.own)
+                self.own.append(Kind(names, 0, room, 1, 0, unit.limits[leaf.node], needed))
+            elif room:
+                starts, rings, events = starts + room, rings + 1, events + needed
+        made.leaves += reversed(leaves)
+        made.names += unit.names
+        made.nodes += [self._row(node) for node in range(size)]
+        made.kinds.append(Kind(len(unit.key), slots, starts, rings, order, unit.window, events))
+        made.levels = max(made.levels, 1 + max(self._depth))
+        made.depth = max(made.depth, weights[0])
+
+    def _ordered(self, node: int) -> bool:
+        return self._unit.places[node].op in (Op.SEQUENCE, Op.ENDS)
+
+    def _pops(self, node: int) -> bool:
+        """Whether the children before must be complete at the first event of a match."""
+        place = self._unit.places[node]
+        return place.before >= 0 and (place.op is Op.SEQUENCE or self._unit.direct[node])
+
+    def _levels(self, node: int) -> int:
+        """Return the levels of a match when its gate takes it."""
+        return 1 + self._depth[max(0, self._unit.places[node].gate)]
+
+    def _weights(self) -> Iterator[int]:
+        """Yield the greatest number of events of a match of each node."""
+        unit = self._unit
+        found = [0] * len(unit.places)
+        for leaf in unit.leaves:
+            found[leaf.node] = leaf.number
+        for node in range(len(found) - 1, -1, -1):
+            if below := unit.children[node]:
+                some = sorted((found[child] for child in below), reverse=True)
+                place = unit.places[below[0]]
+                found[node] = some[0] if place.op is Op.ONE else sum(some[: place.need])
+        yield from found
+
+    def _leaf(self, leaf: UnitLeaf, number: int, own: int, starts: int, ring: int) -> PlacedLeaf:
+        after = None if leaf.after < 0 else self._slots[leaf.after]
+        kind, ring, room = (own, 0, 0) if leaf.own else (number, ring, starts)
+        levels, names = 1 + self._depth[leaf.node], (*self._unit.key, *leaf.own)
+        settled = self._unit.settled[leaf.node]
+        ring, room = (ring, room) if leaf.number > 1 else (0, 0)
+        return PlacedLeaf(leaf, self._base + leaf.node, number, after, levels, names, kind, ring, room, settled)
+
+    def _row(self, node: int) -> str:
+        unit = self._unit
+        gate, op, before, _, siblings, need = unit.places[node]
+        window = unit.windows[node]
+        within = NEVER if window is None or window >= _MOST else f"UINT64_C({window})"
+        elder, order = NONE, 0
+        match op:
+            case _ if gate < 0:
+                how = "ROOT"
+            case Op.ONE:
+                how = "ONLY"
+            case Op.ALL | Op.AT_LEAST:
+                how, order = "BESIDE", self._order[gate]
+            case Op.SEQUENCE | Op.ENDS:
+                how = "FIRST" if before < 0 else "AFTER" if self._pops(node) else "ENDING"
+                elder = str(self._slots[before]) if how == "ENDING" else NONE
+            case Op.LEAF:
+                raise AssertionError("a leaf has no children")
+            case _:
+                assert_never(op)
+        place = str(self._slots.get(node, NONE))
+        again = int(gate >= 0 and unit.again[gate])
+        above = self._base + gate if gate >= 0 else 0
+        numbers = above, place, elder, order, max(1, len(siblings)), max(1, need)
+        return f"{{{within}, {', '.join(map(str, numbers))}, {self._levels(node)}, {how}, {again}}}"

@@ -268,7 +268,7 @@ def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEng
     if given["clock"] is not None:
         wrong = not (given["follow"] or traces.live)
         options.refuse(wrong, "--clock needs events that arrive: --follow, or a URL; a finished log takes --complete")
-        options.refuse(given["order_by"], "--clock tells the present time, but --order-by holds events back")
+        options.refuse(given["order_by"], "--clock gives the present time, but --order-by holds events back")
     for option in ("clock", "complete", "repeat_by"):
         wrong = given[option] and (given["backend"] is not None or given["native"] or engine is not None)
         options.refuse(

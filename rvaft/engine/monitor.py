@@ -1,6 +1,6 @@
 """The engine as a monitor."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from math import inf
 from typing import Any, Final, Self
 
@@ -8,7 +8,7 @@ from rvaft.core.passes import property_of
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, TreeLetters
 from rvaft.engine.explanation import together
 from rvaft.engine.selection import strategy_of
-from rvaft.engine.strategy import Strategy
+from rvaft.engine.strategy import BatchEvent, Noted, Strategy
 from rvaft.model.event_time import Jump
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -110,6 +110,17 @@ class Engine(Monitor):
             self._verdict = self._strategy.advance(reading, self._position)
         return self._verdict
 
+    def take_all(self, events: Iterator[BatchEvent], noted: Noted) -> BatchEvent | None:
+        """Read events, none late, up to the first that changes the verdict, and return it; None at the end."""
+        found = self._strategy.advance_all(events, noted, projects=self.semantics.projects)
+        if found is None:
+            return None
+        self._verdict, one = found
+        self._position = one.number
+        if one.watermark is not None and self.tree.time is not None:
+            self._latest = one.watermark + (self.tree.time.late or 0)
+        return one
+
     def skip(self, count: int) -> Verdict:
         """As `step`, for `count` events without a match."""
         if count > 0 and self._verdict is _UNKNOWN:
@@ -136,19 +147,24 @@ class Engine(Monitor):
         self._position, self.jumps = earlier._position, earlier.jumps
         self.pass_time(earlier._latest)
 
-    def is_late(self, event: Json, number: int = 0) -> bool:
+    def is_late(self, event: Json, number: int = 0, line: int | None = None) -> bool:
         """Whether an event is late (semantics, section 1.1); call it once per event, in order.
 
-        A caller of `take` passes late events to `skip` instead. `jumps` have the numbers of events.
+        A caller of `take` passes late events to `skip` instead. `jumps` have the numbers and lines of events.
         """
-        own = self.tree.time
-        if own is None or own.late is None or self._read_time is None:
+        return self.pass_event(None if self._read_time is None else self._read_time(event), number, line)
+
+    def pass_event(self, time: int | None, number: int = 0, line: int | None = None) -> bool:
+        """As `is_late`, for an event with this time."""
+        own, latest = self.tree.time, self._latest
+        if own is None or own.late is None or time is None:
             return False
-        late, latest = own.is_late_at(self._read_time(event), self._latest)
-        if latest != self._latest:
-            self.jumps = own.jumped(self.jumps, number, self._latest, latest)
-            self.pass_time(latest)
-        return late
+        if latest is not None and time <= latest:
+            return latest - time > own.late
+        self.jumps = own.jumped(self.jumps, number, latest, time, line)
+        self._latest = time
+        self._strategy.forget(time - own.late)
+        return False
 
     @property
     def until(self) -> float:

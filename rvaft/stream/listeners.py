@@ -1,12 +1,12 @@
 """Listeners, which are notified of the events and verdicts of a run, and what they receive."""
 
 from abc import abstractmethod
-from collections import OrderedDict
+from collections import OrderedDict, deque
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain, islice, repeat
+from itertools import chain, islice
 from pathlib import Path
 from types import TracebackType
 from typing import Final, NamedTuple, Self, TypeAlias
@@ -50,24 +50,52 @@ class EventBuffer:
         self.late = late
         self.reads = reads
         self.reader = reader
-        self.known: OrderedDict[int, Json] = OrderedDict()  # a dict finds its first key slowly after removals
-        self.lines: dict[int, int | None] = {}
-        """The lines of known events."""
+        self._known: OrderedDict[int, Json] = OrderedDict()  # a dict finds its first key slowly after removals
+        self._lines: dict[int, int | None] = {}
+        self._new: deque[tuple[Sequence[tuple[int, Json]], int, Sequence[int | None]]] = deque()
+        """The events since the last look at them: they are many, and most are never asked for."""
+        self._size = 0
+        """The number of new events."""
 
     def remember(self, number: int, event: Json, line: int | None = None) -> None:
         """Keep an event that may become part of a match."""
-        self.remember_all([(number, event)], [line])
+        self.remember_all([(number, event)], number - 1, [line])
 
-    def remember_all(self, events: Sequence[tuple[int, Json]], lines: Sequence[int | None] = ()) -> None:
-        """Keep numbered events that may become part of a match; without `lines` they have none."""
-        self.known.update(events)
-        self.lines.update(zip((number for number, _ in events), lines or repeat(None), strict=False))
-        for _ in range(len(self.known) - BOUND):
-            self.lines.pop(self.known.popitem(last=False)[0], None)
+    def remember_all(
+        self, events: Sequence[tuple[int, Json]], before: int = 0, lines: Sequence[int | None] = ()
+    ) -> None:
+        """Keep numbered events that may become part of a match; `lines` are those of the events after `before`."""
+        self._new.append((events, before, lines))
+        self._size += len(events)
+        while self._size - len(self._new[0][0]) >= BOUND:
+            self._size -= len(self._new.popleft()[0])
+
+    @property
+    def known(self) -> OrderedDict[int, Json]:
+        """The events that are kept, by number."""
+        self._look()
+        return self._known
+
+    @property
+    def lines(self) -> dict[int, int | None]:
+        """The lines of the events that are kept."""
+        self._look()
+        return self._lines
+
+    def _look(self) -> None:
+        for events, before, lines in self._new:
+            for number, event, *_ in events:
+                self._known[number] = event
+                self._lines[number] = lines[number - before - 1] if lines else None
+        self._new.clear()
+        self._size = 0
+        for _ in range(len(self._known) - BOUND):
+            self._lines.pop(self._known.popitem(last=False)[0], None)
 
     def events(self, numbers: Collection[int], *, ended: bool = False) -> Mapping[int, Json]:
         """Return the available events with these numbers; `ended` after the run."""
-        known = {number: self.known[number] for number in numbers if number in self.known}
+        kept = self.known
+        known = {number: kept[number] for number in numbers if number in kept}
         missing = set(numbers) - set(known) if ended or not self.late else set()
         if missing and self.path is not None and self.reader is not None:
             with suppress(RvaftError, OSError), source_of(self.reader, str(self.path)) as source:

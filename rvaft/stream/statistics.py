@@ -108,6 +108,7 @@ class EventTypeIndex:
         self.patterns = (*(one.pattern for _, _, one in letters), *also)
         self.shapes = PatternIndex(self.patterns, self._table)
         self.late = EventKind(classes=(EventClass(),) * len(engines))
+        self.late.entries, self.late.relevant = True, None  # counted only
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
         self.read = reads.patterns

@@ -117,8 +117,6 @@ class Engine(Monitor):
             return None
         self._verdict, one = found
         self._position = one.number
-        if one.watermark is not None and self.tree.time is not None:
-            self._latest = one.watermark + (self.tree.time.late or 0)
         return one
 
     def skip(self, count: int) -> Verdict:
@@ -175,6 +173,10 @@ class Engine(Monitor):
     def latest(self) -> int | None:
         """The maximum event time so far in nanoseconds, if the tree has `late`."""
         return self._latest
+
+    def forget(self, watermark: int) -> None:
+        """Set the watermark and drop the partial matches that it rules out, before the maximum event time is set."""
+        self._strategy.forget(watermark)
 
     def pass_time(self, latest: int | None) -> None:
         """Set the maximum event time and drop the partial matches that it rules out."""

@@ -5,15 +5,20 @@ it is late for the events before the batch, and few times must be parsed.
 """
 
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from itertools import islice
+from itertools import chain, islice
+from math import inf
 from operator import eq, le, sub
 from typing import Final, NamedTuple, TypeAlias, cast
 
+from rvaft.engine.monitor import Engine
 from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, Jump, TimeFormat
 from rvaft.model.values import Json
 
+WAITING: Final = 64
+"""Maximum number of batches of events by key that wait."""
 _ERROR: Final = 2.0**-48
 """More than the relative error of a difference of doubles that are rounded."""
 _LAYOUT: Final = str.maketrans("123456789", "000000000")
@@ -165,6 +170,52 @@ class MixedTimes:
 
 
 BatchLateness: TypeAlias = RisingTimes | MixedTimes
+
+
+class KeyedTimes:
+    """The times of events by key, while they never fall over all keys: then no event is late.
+
+    What an engine has to know of the times of its key is passed to it by `settle`, for many events at once.
+    """
+
+    def __init__(self, engine_of: Callable[[Json], Engine | None]) -> None:
+        self._engine_of = engine_of
+        self.greatest: float = -inf
+        """The maximum time over all keys."""
+        self._waiting: list[tuple[Sequence[Json], Sequence[int], int, Sequence[int | None]]] = []
+        """Batches: keys, times, the number before the first event, and lines."""
+
+    def rises(self, times: Sequence[int | None]) -> bool:
+        """Whether times are those of a batch that can be added."""
+        if not times or None in times:
+            return False
+        known = cast("Sequence[int]", times)
+        return all(map(le, chain((self.greatest,), known), known))
+
+    def add(self, keys: Sequence[Json], times: Sequence[int | None], before: int, lines: Sequence[int | None]) -> None:
+        """Add the events after `before`."""
+        if len(self._waiting) >= WAITING:
+            self.settle(before)
+        known = cast("Sequence[int]", times)
+        self._waiting.append((keys, known, before, lines))
+        self.greatest = known[-1]
+
+    def settle(self, last: int) -> None:
+        """Pass the times of the events up to the number `last` to the engines of their keys."""
+        if not self._waiting:
+            return
+        passed = defaultdict[Json, list[tuple[int, int, int | None]]](list)
+        waiting, self._waiting = self._waiting, []
+        for keys, times, before, lines in waiting:
+            end = min(last - before, len(times))
+            for place in range(end):
+                passed[keys[place]].append((before + place + 1, times[place], lines[place] if lines else None))
+            if end < len(times):
+                self._waiting.append((keys[end:], times[end:], before + end, lines[end:]))
+        for key, events in passed.items():
+            if (engine := self._engine_of(key)) is not None:
+                for number, time, line in events:
+                    engine.pass_event(time, number, None if line == number else line)
 
 
 def lateness(

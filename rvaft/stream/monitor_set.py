@@ -261,7 +261,10 @@ class MonitorSet:
         return self._changed(number, event) if final else ()
 
     def step_all(self, events: Iterator[BatchEvent], noted: Noted) -> Sequence[int]:
-        """Read events, none late, up to the first that changes a verdict; return the changed columns, () at the end."""
+        """Read events, none late, up to the first that changes a verdict; return the changed columns, () at the end.
+
+        The caller sets the maximum event time.
+        """
         while self._live == (0,) and self.engines and not self._strict:
             if self._resting:
                 self.begin_again()
@@ -271,8 +274,9 @@ class MonitorSet:
             if changed := self._changed(last.number, last.event):
                 return changed
         for one in events:
-            if one.watermark is not None and self.time is not None:
-                self.pass_time(one.watermark + (self.time.late or 0))
+            if one.watermark is not None:
+                for engine in self.engines:
+                    engine.forget(one.watermark)
             changed = self.step(one.event, one.number, one.classes, late=False)
             if self.concerned:
                 noted.concerned.append(one)

@@ -12,6 +12,7 @@ from operator import itemgetter, length_hint
 from typing import Any, Final, TypeAlias, cast
 
 from rvaft.engine.compiled_tree import EventClass
+from rvaft.engine.monitor import Engine
 from rvaft.engine.strategy import BatchEvent, Noted
 from rvaft.errors import TooLarge
 from rvaft.model.event_time import JUMPS, Jump
@@ -23,7 +24,7 @@ from rvaft.stream.bulk import EventGroup, Groups, changes_nothing, groups, needs
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedTraces
-from rvaft.stream.lateness import BatchLateness, lateness, numbered_jumps
+from rvaft.stream.lateness import BatchLateness, KeyedTimes, lateness, numbered_jumps
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
@@ -94,6 +95,7 @@ class TraceRun:
         """The times of the current batch, if one monitor reads all events and some may be late."""
         self._passed: list[tuple[BatchLateness, int, Sequence[int | None]]] = []
         """The last batches whose jumps are not noted: times, the event before them, and lines."""
+        self._keyed_times = KeyedTimes(self._engine_of_key)
         self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
@@ -110,7 +112,12 @@ class TraceRun:
             watch.monitors.expect(self._coming[tuple(map(value_key, values))])
         return watch
 
+    def _engine_of_key(self, value: Json) -> Engine | None:
+        watch = None if self.keys is None else self.keys.find((value,))
+        return None if watch is None else watch.monitors.engines[0]
+
     def _may_forget_keys(self) -> bool:
+        self._keyed_times.settle(self.number - 1)
         return not any(listener.each_key for listener in self.listeners)
 
     def _begin_trace(self, watch: MonitoredTrace) -> None:
@@ -139,6 +146,7 @@ class TraceRun:
         """The monitored trace, or that of each key in order of first occurrence."""
         if self._passed:
             self._note_jumps()
+        self._keyed_times.settle(self.number)
         return [self.watch] if self.keys is None else self.keys.traces
 
     def line_of(self, number: int) -> int | None:
@@ -333,7 +341,11 @@ class TraceRun:
 
     def _is_late(self, watch: MonitoredTrace, place: int, event: JsonObject) -> bool:
         """Whether an event of a key is late."""
-        return watch.monitors.engines[0].is_late(event, *self._numbered(place))
+        self._keyed_times.settle(self.number - 1)
+        engine = watch.monitors.engines[0]
+        late = engine.is_late(event, *self._numbered(place))
+        self._keyed_times.greatest = max(self._keyed_times.greatest, engine.latest or -inf)
+        return late
 
     def _numbered(self, place: int) -> tuple[int, int | None]:
         """Return the number of the event at a place, and its line if that differs."""
@@ -398,10 +410,11 @@ class TraceRun:
         if keyed_by and {str} != {type(event.get(keyed_by)) for event in bodies}:
             return None
         late: Collection[int] = () if self.times is None else self.times.late
-        passing = list[int | None]()
+        passing, rises = list[int | None](), False
         if self.keys is not None and monitors.may_be_late and time is not None:
             passing = time.of_all(time.written_in(bodies))
-            late = self._late_of_keys(self.keys, events, passing)
+            rises = len(events) == block.total and self._keyed_times.rises(passing)
+            late = () if rises else self._late_of_keys(self.keys, events, passing)
         if late:
             found, bodies = None, [event for place, event in events if place not in late]
         if found is None:
@@ -425,37 +438,34 @@ class TraceRun:
         if stepped:
             projects = monitors.semantics.projects
             some = [(kind, group) for kind, group in found if kind.relevant or (kind.serves and not projects)]
-            batch = self._batch(some, [one for one in events if one[0] not in late])
+            batch = self._batch(some, [one for one in events if one[0] not in late], rises=rises)
         elif self.clock is not None and concerned:
             self.clock.see_all(_numbered(concerned, events, self.lines[0]))
         if self.keys is None:
             steps = self._steps(block, events, batch, turns=turns)
         else:
+            if rises:
+                self._keyed_times.add([event[keyed_by] for event in bodies], passing, *self.lines)
+                passing = []
             steps = self._steps_of_keys(self.keys, events, passing, late, batch, turns=turns)
         return self._counted(steps, found, events, late)
 
-    def _batch(self, some: Groups, events: Sequence[Placed]) -> list[BatchEvent]:
-        """Return the events of some groups for the strategies, in order."""
+    def _batch(self, some: Groups, events: Sequence[Placed], *, rises: bool) -> list[BatchEvent]:
+        """Return the events of some groups for the strategies, in order; those of keys have times that never fall."""
         before, time, times = self.lines[0], self.plan.monitors.time, self.times
         about = dict[int, tuple[Sequence[EventClass], int | None]]()
         for event_kind, group in some:
             known = repeat(None) if time is None else group.times(time)
             about.update(zip(map(id, group.events), zip(repeat(event_kind.classes), known, strict=False), strict=False))
-        found = [(place, event, *about[id(event)]) for place, event in events if id(event) in about]
-        if time is None or times is None:
-            return [
-                BatchEvent(before + place + 1, event, classes, known, None) for place, event, classes, known in found
-            ]
-        latest, late = times.latest, time.late or 0
+        found = [(before + place + 1, event, *about[id(event)]) for place, event in events if id(event) in about]
+        allowed = 0 if time is None else time.late or 0
+        latest: Iterable[int | None] = repeat(None)
+        if times is not None:
+            latest = [times.latest(number - before - 1, known) for number, _, _, known in found]
+        elif rises:
+            latest = [known for _, _, _, known in found]
         return [
-            BatchEvent(
-                before + place + 1,
-                event,
-                classes,
-                known,
-                None if (most := latest(place, known)) is None else most - late,
-            )
-            for place, event, classes, known in found
+            BatchEvent(*one, None if most is None else most - allowed) for one, most in zip(found, latest, strict=False)
         ]
 
     def _steps(
@@ -476,9 +486,10 @@ class TraceRun:
                     if turns:
                         yield self.number
                     self._remember(noted.served)
-                    noted = Noted(noted.concerned, [])
-                    event = batch[read - 1].event
-                    self.notify(VerdictChange(self.watch, self.number, event, changed, self.line_of(self.number)))
+                    noted, one = Noted(noted.concerned, []), batch[read - 1]
+                    if self.times is not None:
+                        monitors.pass_time(self.times.latest(self.number - before - 1, one.time))
+                    self.notify(VerdictChange(self.watch, self.number, one.event, changed, self.line_of(self.number)))
             end = inf
         except TooLarge:
             if turns:
@@ -498,6 +509,7 @@ class TraceRun:
 
     def _late_of_keys(self, keys: KeyedTraces, events: Sequence[Placed], times: Sequence[int | None]) -> set[int]:
         """Return the places of the events with these times that are late for their keys."""
+        self._keyed_times.settle(self.number)
         (name,), time = keys.names, self.plan.monitors.time
         latest, late, allowed = dict[Json, int | None](), set[int](), 0 if time is None else time.late or 0
         for (place, event), now in zip(events, times, strict=True):
@@ -510,6 +522,7 @@ class TraceRun:
                 latest[value] = now
             elif now is not None and before is not None and before - now > allowed:
                 late.add(place)
+        self._keyed_times.greatest = max([self._keyed_times.greatest, *(one for one in times if one is not None)])
         return late
 
     def _steps_of_keys(
@@ -544,12 +557,8 @@ class TraceRun:
                         self._note_late(watch, place, event)
                 if following is None or following.number != number:
                     continue
-                self.number, monitors = number, watch.monitors
-                changed = monitors.step(event, number, following.classes, late=False)
-                if monitors.concerned:
-                    noted.concerned.append(following)
-                if monitors.serves:
-                    noted.served.append(following)
+                self.number = number
+                changed = watch.monitors.step_all(iter((following,)), noted)
                 following = next(coming, None)
                 if changed:
                     if turns:
@@ -711,6 +720,8 @@ class TraceRun:
             if key is None or self.keys is None:
                 self.watch = watch
             else:
+                latest = max((engine.latest or -inf for engine in monitors.engines), default=-inf)
+                self._keyed_times.greatest = max(self._keyed_times.greatest, latest)
                 self.keys.restore(watch, key)
         if self.keys is not None:
             self.keys.resume(keyed)

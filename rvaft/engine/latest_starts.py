@@ -17,7 +17,6 @@ once for each choice.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from math import inf
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
@@ -55,6 +54,7 @@ from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending
+from rvaft.support.copies import twin
 
 INSTANCES: Final = 20
 """The number of instances for each partial match that the limit allows."""
@@ -298,9 +298,9 @@ class LatestStarts(Strategy):
 
     def fork(self) -> Self:
         """Return an independent copy."""
-        twin = copy(self)
-        twin._instances, twin._sweep_at = _copies(self._instances), [*self._sweep_at]  # noqa: SLF001 (its own)
-        return twin
+        made = twin(self)
+        made._instances, made._sweep_at = _copies(self._instances), [*self._sweep_at]  # noqa: SLF001 (its own)
+        return made
 
     @property
     def state(self) -> Hashable:

@@ -1,6 +1,6 @@
 """The engine as a monitor."""
 
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from math import inf
 from typing import Any, Final, Self
 
@@ -9,11 +9,12 @@ from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, Tree
 from rvaft.engine.explanation import together
 from rvaft.engine.selection import strategy_of
 from rvaft.engine.strategy import BatchEvent, Noted, Strategy
-from rvaft.model.event_time import Jump
+from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
+from rvaft.support.copies import twin
 
 DEFAULT_LIMIT: Final = 100_000
 _UNKNOWN: Final = Verdict.UNKNOWN
@@ -160,9 +161,19 @@ class Engine(Monitor):
         if latest is not None and time <= latest:
             return latest - time > own.late
         self.jumps = own.jumped(self.jumps, number, latest, time, line)
-        self._latest = time
-        self._strategy.forget(time - own.late)
+        self.pass_time(time)
         return False
+
+    def pass_events(self, events: Sequence[tuple[int, int, int | None]]) -> None:
+        """As `pass_event`, for events that are not late; each is a number, a time and a line."""
+        latest, found = self._latest, []
+        allowed = 0 if self.tree.time is None else self.tree.time.late or 0
+        for number, time, line in events:
+            if latest is None or time > latest + allowed:
+                found.append((number, latest, time, None if line == number else line))
+            latest = time if latest is None or time > latest else latest
+        self.jumps = (*self.jumps, *map(Jump._make, found[-JUMPS:]))[-JUMPS:]
+        self.pass_time(latest)
 
     @property
     def until(self) -> float:
@@ -192,9 +203,9 @@ class Engine(Monitor):
 
     def fork(self) -> Self:
         """Return an independent monitor in the same state."""
-        twin = object.__new__(type(self))  # without compiling the tree again
-        vars(twin).update({**vars(self), "_strategy": self._strategy.fork()})
-        return twin
+        made = twin(self)  # without compiling the tree again
+        made._strategy = self._strategy.fork()  # noqa: SLF001 (its own)
+        return made
 
     @property
     def state(self) -> Hashable:

@@ -17,7 +17,7 @@ from rvaft.engine.monitor import Engine
 from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, Jump, TimeFormat
 from rvaft.model.values import Json
 
-WAITING: Final = 64
+WAITING: Final = 256
 """Maximum number of batches of events by key that wait."""
 _ERROR: Final = 2.0**-48
 """More than the relative error of a difference of doubles that are rounded."""
@@ -214,8 +214,7 @@ class KeyedTimes:
                 self._waiting.append((keys[end:], times[end:], before + end, lines[end:]))
         for key, events in passed.items():
             if (engine := self._engine_of(key)) is not None:
-                for number, time, line in events:
-                    engine.pass_event(time, number, None if line == number else line)
+                engine.pass_events(events)
 
 
 def lateness(

@@ -24,6 +24,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Ended, Explanation, Monitor, Repetition
 from rvaft.rules import valid_part
 from rvaft.stream.statistics import EventTypeIndex
+from rvaft.support.copies import twin
 
 MOST: Final = 1_000
 _UNKNOWN: Final = Verdict.UNKNOWN
@@ -170,11 +171,11 @@ class MonitorSet:
 
     def fork(self) -> Self:
         """Return independent monitors in the same state."""
-        twin = copy(self)
-        twin._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001
-        twin.since = dict(self.since)
-        twin.found = [replace(count) for count in self.found]
-        return twin
+        made = twin(self)
+        made._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001
+        made.since = dict(self.since)
+        made.found = [replace(count) for count in self.found]
+        return made
 
     @classmethod
     def beside(cls, sets: Sequence["MonitorSet"]) -> "MonitorSet":

@@ -143,11 +143,14 @@ class TraceRun:
 
     @property
     def watches(self) -> list[MonitoredTrace]:
-        """The monitored trace, or that of each key in order of first occurrence."""
+        """The monitored trace, or that of each key in order of first occurrence; see `settle`."""
+        return [self.watch] if self.keys is None else self.keys.traces
+
+    def settle(self) -> None:
+        """Tell the monitors of the times of events that they did not read, before their states are kept."""
         if self._passed:
             self._note_jumps()
         self._keyed_times.settle(self.number)
-        return [self.watch] if self.keys is None else self.keys.traces
 
     def line_of(self, number: int) -> int | None:
         """Return the line of a current event in the input; None if it has no lines."""
@@ -689,6 +692,7 @@ class TraceRun:
     @property
     def state(self) -> RunState:
         """The state for `restore`."""
+        self.settle()
         return [watch.state for watch in self.watches], self.state_beside
 
     @property

@@ -117,7 +117,7 @@ class Engine(Monitor):
         if found is None:
             return None
         self._verdict, one = found
-        self._position = one.number
+        self._position = one[0]
         return one
 
     def skip(self, count: int) -> Verdict:

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from math import inf
-from typing import Any, ClassVar, Final, NamedTuple, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.engine.compiled_tree import QUIET, CompiledTree, EventClass, Inert, Reading, TreeLetters
 from rvaft.model.values import Json
@@ -30,17 +30,10 @@ class Progress(NamedTuple):
     awaited: Callable[[Collection[int]], Collection[str]] = lambda _: ()
 
 
-class BatchEvent(NamedTuple):
-    """An event of a batch: its number, and its class in each column, the first for this strategy.
-
-    `time` is its time, and `watermark` the minimum time of later events; both are None if not known.
-    """
-
-    number: int
-    event: Mapping[str, Json]
-    classes: Sequence[EventClass]
-    time: int | None
-    watermark: int | None
+BatchEvent: TypeAlias = tuple[int, Mapping[str, Json], Sequence[EventClass], int | None, int | None]
+"""An event of a batch: its number, the event, its class in each column (the first for this strategy), its time,
+and the minimum time of later events. The times are None if not known. Tuples without names are made faster.
+"""
 
 
 class Noted(NamedTuple):

@@ -145,6 +145,8 @@ class JsonBlockReader:
         read = {field: Any if field in exact else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=finite_decimal)
+        time = TypedDict("time", {timed: Any}, total=False)  # type: ignore[misc]
+        self._time: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(time, float_hook=finite_decimal)
         self._exact = exact
         head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
         names = {f"f{number}": field for number, field in enumerate(head_fields)}
@@ -258,7 +260,7 @@ class JsonBlockReader:
         """Return the times of a block of lines without doubts."""
 
         def exact(place: int) -> Json:
-            found = _decoded(self._event, lines[place])
+            found = _decoded(self._time, lines[place])
             return (event(place) if found is None else found).get(self._timed)
 
         @cache
@@ -267,8 +269,9 @@ class JsonBlockReader:
             assert found is not None, "a blank line is in doubt"
             return found
 
-        known = [None if value is msgspec.UNSET else value for value in values]
-        return BatchTimes(cast("Sequence[Json]", known), exact, event, {})
+        if msgspec.UNSET in values:
+            values = [None if value is msgspec.UNSET else value for value in values]
+        return BatchTimes(cast("Sequence[Json]", values), exact, event, {})
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """Return the decoded events of a block, or None if there may be hidden errors.

@@ -18,7 +18,7 @@ from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, Jump, TimeF
 from rvaft.model.values import Json
 
 WAITING: Final = 256
-"""Maximum number of batches of events by key that wait."""
+"""Maximum number of batches whose times the engines are not told yet."""
 _ERROR: Final = 2.0**-48
 """More than the relative error of a difference of doubles that are rounded."""
 _LAYOUT: Final = str.maketrans("123456789", "000000000")
@@ -73,7 +73,8 @@ class RisingTimes:
         if values and not (comparable and all(map(le, values, islice(values, 1, None)))):
             return None
         found = cls(time, places, values, latest, exact if types == {float} else None)
-        if found._exact is not None:  # equal doubles may be different times
+        # equal doubles may be different times
+        if found._exact is not None and True in map(eq, values, islice(values, 1, None)):
             pairs = enumerate(map(eq, values, islice(values, 1, None)))
             if any((found._read(number) or 0) > (found._read(number + 1) or 0) for number, same in pairs if same):
                 return None

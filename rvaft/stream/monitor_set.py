@@ -272,13 +272,14 @@ class MonitorSet:
             last = self.engines[0].take_all(events, noted)
             if last is None:
                 return ()
-            if changed := self._changed(last.number, last.event):
+            if changed := self._changed(*last[:2]):
                 return changed
         for one in events:
-            if one.watermark is not None:
+            number, event, classes, _, watermark = one
+            if watermark is not None:
                 for engine in self.engines:
-                    engine.forget(one.watermark)
-            changed = self.step(one.event, one.number, one.classes, late=False)
+                    engine.forget(watermark)
+            changed = self.step(event, number, classes, late=False)
             if self.concerned:
                 noted.concerned.append(one)
             if self.serves:

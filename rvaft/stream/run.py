@@ -24,7 +24,7 @@ from rvaft.stream.bulk import EventGroup, Groups, changes_nothing, groups, needs
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedTraces
-from rvaft.stream.lateness import BatchLateness, KeyedTimes, lateness, numbered_jumps
+from rvaft.stream.lateness import WAITING, BatchLateness, KeyedTimes, lateness, numbered_jumps
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
@@ -327,7 +327,7 @@ class TraceRun:
     def _pass_times(self, times: BatchLateness, before: int, last: int) -> None:
         """Note the maximum time after a batch; its jumps are found when they are needed."""
         self._passed.append((times, before, self.lines[1]))
-        if len(self._passed) > JUMPS:
+        if len(self._passed) > WAITING:
             self._note_jumps()
         self.watch.monitors.pass_time(times.latest(last))
 
@@ -455,20 +455,19 @@ class TraceRun:
 
     def _batch(self, some: Groups, events: Sequence[Placed], *, rises: bool) -> list[BatchEvent]:
         """Return the events of some groups for the strategies, in order; those of keys have times that never fall."""
-        before, time, times = self.lines[0], self.plan.monitors.time, self.times
+        first, time, times = self.lines[0] + 1, self.plan.monitors.time, self.times
         about = dict[int, tuple[Sequence[EventClass], int | None]]()
         for event_kind, group in some:
             known = repeat(None) if time is None else group.times(time)
             about.update(zip(map(id, group.events), zip(repeat(event_kind.classes), known, strict=False), strict=False))
-        found = [(before + place + 1, event, *about[id(event)]) for place, event in events if id(event) in about]
-        allowed = 0 if time is None else time.late or 0
-        latest: Iterable[int | None] = repeat(None)
-        if times is not None:
-            latest = [times.latest(number - before - 1, known) for number, _, _, known in found]
-        elif rises:
-            latest = [known for _, _, _, known in found]
+        find = about.get
+        if time is None or (times is None and not rises):
+            return [(first + at, event, *found, None) for at, event in events if (found := find(id(event)))]
+        allowed, latest = time.late or 0, times.latest if times is not None else _itself
         return [
-            BatchEvent(*one, None if most is None else most - allowed) for one, most in zip(found, latest, strict=False)
+            (first + at, event, *found, None if (most := latest(at, found[1])) is None else most - allowed)
+            for at, event in events
+            if (found := find(id(event)))
         ]
 
     def _steps(
@@ -484,15 +483,15 @@ class TraceRun:
                     changed = monitors.step_all(coming, noted)
                 finally:
                     read = len(batch) - length_hint(coming)
-                    self.number = batch[read - 1].number if read else self.number
+                    self.number = batch[read - 1][0] if read else self.number
                 if changed:
                     if turns:
                         yield self.number
                     self._remember(noted.served)
                     noted, one = Noted(noted.concerned, []), batch[read - 1]
                     if self.times is not None:
-                        monitors.pass_time(self.times.latest(self.number - before - 1, one.time))
-                    self.notify(VerdictChange(self.watch, self.number, one.event, changed, self.line_of(self.number)))
+                        monitors.pass_time(self.times.latest(self.number - before - 1, one[3]))
+                    self.notify(VerdictChange(self.watch, self.number, one[1], changed, self.line_of(self.number)))
             end = inf
         except TooLarge:
             if turns:
@@ -558,7 +557,7 @@ class TraceRun:
                     watch.monitors.engines[0].pass_event(time, number, line)
                     if place in late:
                         self._note_late(watch, place, event)
-                if following is None or following.number != number:
+                if following is None or following[0] != number:
                     continue
                 self.number = number
                 changed = watch.monitors.step_all(iter((following,)), noted)
@@ -601,13 +600,16 @@ class TraceRun:
         """Count events that cause no warning."""
         statistics, hint = self.totals.statistics, self.totals.semantics_hint
         if statistics is not None:
+            others = list[EventGroup]()
             for event_kind, group in found:
-                if event_kind.entries:
-                    statistics.events += len(group.events)
-                    statistics.seen |= event_kind.types
-                    if event_kind.relevant is not None:
-                        statistics.tally[event_kind.relevant] += len(group.events)
-            for number, event in _numbered([group for kind, group in found if not kind.entries], events, before):
+                if not (event_kind.entries or statistics.are_impossible(group.events)):
+                    others.append(group)
+                    continue
+                statistics.events += len(group.events)
+                statistics.seen |= event_kind.types
+                if event_kind.entries and event_kind.relevant is not None:
+                    statistics.tally[event_kind.relevant] += len(group.events)
+            for number, event in _numbered(others, events, before) if others else ():
                 statistics.add(event, number, self.prefix)
         if self.keys is None:
             self.watch.events += sum(len(group.events) for _, group in found)
@@ -760,6 +762,10 @@ class TraceRun:
         for part in (self.keys, self.clock, self.ordering, self.distinct):
             if part is not None:
                 yield from part.warnings
+
+
+def _itself(_place: int, time: int | None) -> int | None:
+    return time
 
 
 def _numbered(some: Iterable[EventGroup], events: Iterable[Placed], before: int) -> list[Placed]:

@@ -43,6 +43,7 @@ class Engine(Monitor):
         super().__init__()
         self.tree = tree
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
+        self._projects = self.semantics.projects
         self._position = 0
         self._latest: int | None = None
         self.jumps: tuple[Jump, ...] = ()
@@ -113,7 +114,7 @@ class Engine(Monitor):
 
     def take_all(self, events: Iterator[BatchEvent], noted: Noted) -> BatchEvent | None:
         """Read events, none late, up to the first that changes the verdict, and return it; None at the end."""
-        found = self._strategy.advance_all(events, noted, projects=self.semantics.projects)
+        found = self._strategy.advance_all(events, noted, projects=self._projects)
         if found is None:
             return None
         self._verdict, one = found
@@ -164,15 +165,16 @@ class Engine(Monitor):
         self.pass_time(time)
         return False
 
-    def pass_events(self, events: Sequence[tuple[int, int, int | None]]) -> None:
-        """As `pass_event`, for events that are not late; each is a number, a time and a line."""
-        latest, found = self._latest, []
+    def pass_events(self, numbers: Sequence[int], times: Sequence[int], line: Callable[[int], int | None]) -> None:
+        """As `pass_event`, for events whose times never fall; `line` returns the line of an event."""
+        latest, found = self._latest, list[tuple[int, int | None, int]]()
         allowed = 0 if self.tree.time is None else self.tree.time.late or 0
-        for number, time, line in events:
+        for number, time in zip(numbers, times, strict=True):
             if latest is None or time > latest + allowed:
-                found.append((number, latest, time, None if line == number else line))
-            latest = time if latest is None or time > latest else latest
-        self.jumps = (*self.jumps, *map(Jump._make, found[-JUMPS:]))[-JUMPS:]
+                found.append((number, latest, time))
+            if latest is None or time > latest:
+                latest = time
+        self.jumps = (*self.jumps, *(Jump(*one, line(one[0])) for one in found[-JUMPS:]))[-JUMPS:]
         self.pass_time(latest)
 
     @property

@@ -4,13 +4,12 @@ Values of one type and layout that never fall have times that never fall. Then a
 it is late for the events before the batch, and few times must be parsed.
 """
 
-from bisect import bisect_right
-from collections import defaultdict
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain, islice
 from math import inf
-from operator import eq, le, sub
+from operator import eq, itemgetter, le, sub
 from typing import Final, NamedTuple, TypeAlias, cast
 
 from rvaft.engine.monitor import Engine
@@ -173,6 +172,10 @@ class MixedTimes:
 BatchLateness: TypeAlias = RisingTimes | MixedTimes
 
 
+_KeyedBatch: TypeAlias = tuple[Sequence[Json], Sequence[int], int, Sequence[int | None]]
+"""Keys and times of events, the number before the first of them, and their lines."""
+
+
 class KeyedTimes:
     """The times of events by key, while they never fall over all keys: then no event is late.
 
@@ -183,8 +186,7 @@ class KeyedTimes:
         self._engine_of = engine_of
         self.greatest: float = -inf
         """The maximum time over all keys."""
-        self._waiting: list[tuple[Sequence[Json], Sequence[int], int, Sequence[int | None]]] = []
-        """Batches: keys, times, the number before the first event, and lines."""
+        self._waiting: list[_KeyedBatch] = []
 
     def rises(self, times: Sequence[int | None]) -> bool:
         """Whether times are those of a batch that can be added."""
@@ -205,17 +207,36 @@ class KeyedTimes:
         """Pass the times of the events up to the number `last` to the engines of their keys."""
         if not self._waiting:
             return
-        passed = defaultdict[Json, list[tuple[int, int, int | None]]](list)
+        passed: dict[Json, list[int]] = {}
         waiting, self._waiting = self._waiting, []
         for keys, times, before, lines in waiting:
             end = min(last - before, len(times))
-            for place in range(end):
-                passed[keys[place]].append((before + place + 1, times[place], lines[place] if lines else None))
+            for number, key, time in zip(range(before + 1, before + end + 1), keys, times, strict=False):
+                if key in passed:
+                    passed[key] += (number, time)
+                else:
+                    passed[key] = [number, time]
             if end < len(times):
                 self._waiting.append((keys[end:], times[end:], before + end, lines[end:]))
-        for key, events in passed.items():
+        line: Callable[[int], int | None] = partial(_line, waiting)
+        if all(not one[3] or one[3] == range(one[2] + 1, one[2] + len(one[1]) + 1) for one in waiting):
+            line = _no_line
+        for key, found in passed.items():
             if (engine := self._engine_of(key)) is not None:
-                engine.pass_events(events)
+                engine.pass_events(found[::2], found[1::2], line)
+
+
+def _no_line(number: int) -> None:  # noqa: ARG001 (lines are the numbers of events)
+    return None
+
+
+def _line(
+    batches: Sequence[tuple[Sequence[Json], Sequence[int], int, Sequence[int | None]]], number: int
+) -> int | None:
+    """Return the line of an event of some batches, or None if it is its number."""
+    _, _, before, lines = batches[bisect_left(batches, number, key=itemgetter(2)) - 1]
+    found = lines[number - before - 1] if lines else None
+    return None if found == number else found
 
 
 def lateness(

@@ -538,30 +538,30 @@ class TraceRun:
         turns: bool,
     ) -> Iterator[int]:
         """Step over a batch, which has no late events, with the monitors of keys; `times` are those of all events."""
-        (name,), known = keys.names, keys.known
-        coming = iter(batch)
+        (name,), known, first = keys.names, keys.known, self.lines[0] + 1
+        coming, noted = iter(batch), Noted([], [])
         following = next(coming, None)
-        noted = Noted([], [])
+        due = 0 if following is None else following[0]
         try:
             for (place, event), time in zip(events, times or repeat(None), strict=False):
-                watch = known.get((event[name],))
+                number, watch = first + place, known.get((event[name],))
                 if watch is None:
-                    self.number = self.lines[0] + place + 1
+                    self.number = number
                     if turns:
-                        yield self.number
-                    watch = keys.of(event, self.number)
+                        yield number
+                    watch = keys.of(event, number)
                     assert watch is not None, "each event has a key"
                 watch.events += 1
-                number, line = self._numbered(place)
                 if time is not None:
-                    watch.monitors.engines[0].pass_event(time, number, line)
+                    watch.monitors.engines[0].pass_event(time, *self._numbered(place))
                     if place in late:
                         self._note_late(watch, place, event)
-                if following is None or following[0] != number:
+                if number != due or following is None:
                     continue
                 self.number = number
                 changed = watch.monitors.step_all(iter((following,)), noted)
                 following = next(coming, None)
+                due = 0 if following is None else following[0]
                 if changed:
                     if turns:
                         yield number

@@ -6,17 +6,18 @@ it is late for the events before the batch, and few times must be parsed.
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import chain, islice
 from math import inf
-from operator import eq, itemgetter, le, sub
+from operator import attrgetter, eq, le, sub
 from typing import Final, NamedTuple, TypeAlias, cast
 
-from rvaft.engine.monitor import Engine
 from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, Jump, TimeFormat
 from rvaft.model.values import Json
+from rvaft.stream.listeners import MonitoredTrace
 
-WAITING: Final = 256
+WAITING: Final = 128
 """Maximum number of batches whose times the engines are not told yet."""
 _ERROR: Final = 2.0**-48
 """More than the relative error of a difference of doubles that are rounded."""
@@ -172,8 +173,23 @@ class MixedTimes:
 BatchLateness: TypeAlias = RisingTimes | MixedTimes
 
 
-_KeyedBatch: TypeAlias = tuple[Sequence[Json], Sequence[int], int, Sequence[int | None]]
-"""Keys and times of events, the number before the first of them, and their lines."""
+@dataclass(slots=True)
+class KeyedBatch:
+    """Events of keys: their traces, as they are read, and their times; `before` is the number before the first.
+
+    `done` counts the events whose times their engines know.
+    """
+
+    traces: list[MonitoredTrace]
+    times: Sequence[int]
+    before: int
+    lines: Sequence[int | None]
+    done: int = 0
+
+    @property
+    def counts_lines(self) -> bool:
+        """Whether lines are the numbers of events."""
+        return not self.lines or self.lines == range(self.before + 1, self.before + len(self.times) + 1)
 
 
 class KeyedTimes:
@@ -182,11 +198,10 @@ class KeyedTimes:
     What an engine has to know of the times of its key is passed to it by `settle`, for many events at once.
     """
 
-    def __init__(self, engine_of: Callable[[Json], Engine | None]) -> None:
-        self._engine_of = engine_of
+    def __init__(self) -> None:
         self.greatest: float = -inf
         """The maximum time over all keys."""
-        self._waiting: list[_KeyedBatch] = []
+        self._waiting: list[KeyedBatch] = []
 
     def rises(self, times: Sequence[int | None]) -> bool:
         """Whether times are those of a batch that can be added."""
@@ -195,47 +210,45 @@ class KeyedTimes:
         known = cast("Sequence[int]", times)
         return all(map(le, chain((self.greatest,), known), known))
 
-    def add(self, keys: Sequence[Json], times: Sequence[int | None], before: int, lines: Sequence[int | None]) -> None:
-        """Add the events after `before`."""
+    def add(self, times: Sequence[int | None], before: int, lines: Sequence[int | None]) -> list[MonitoredTrace]:
+        """Add the events after `before`, and return the list to which their traces have to be added."""
         if len(self._waiting) >= WAITING:
-            self.settle(before)
-        known = cast("Sequence[int]", times)
-        self._waiting.append((keys, known, before, lines))
-        self.greatest = known[-1]
+            self.settle()
+        batch = KeyedBatch([], cast("Sequence[int]", times), before, lines)
+        self._waiting.append(batch)
+        self.greatest = batch.times[-1]
+        return batch.traces
 
-    def settle(self, last: int) -> None:
-        """Pass the times of the events up to the number `last` to the engines of their keys."""
-        if not self._waiting:
-            return
-        passed: dict[Json, list[int]] = {}
+    def settle(self) -> None:
+        """Pass the times of the events that were read to the engines of their keys."""
+        passed: dict[MonitoredTrace, list[int]] = {}
         waiting, self._waiting = self._waiting, []
-        for keys, times, before, lines in waiting:
-            end = min(last - before, len(times))
-            for number, key, time in zip(range(before + 1, before + end + 1), keys, times, strict=False):
-                if key in passed:
-                    passed[key] += (number, time)
+        for batch in waiting:
+            first, done = batch.before + 1, batch.done
+            batch.done = len(batch.traces)
+            numbers, times = range(first + done, first + batch.done), batch.times[done : batch.done]
+            for trace, number, time in zip(batch.traces[done:], numbers, times, strict=True):
+                if trace in passed:
+                    passed[trace] += (number, time)
                 else:
-                    passed[key] = [number, time]
-            if end < len(times):
-                self._waiting.append((keys[end:], times[end:], before + end, lines[end:]))
+                    passed[trace] = [number, time]
+            if batch.done < len(batch.times):
+                self._waiting.append(batch)
         line: Callable[[int], int | None] = partial(_line, waiting)
-        if all(not one[3] or one[3] == range(one[2] + 1, one[2] + len(one[1]) + 1) for one in waiting):
+        if all(batch.counts_lines for batch in waiting):
             line = _no_line
-        for key, found in passed.items():
-            if (engine := self._engine_of(key)) is not None:
-                engine.pass_events(found[::2], found[1::2], line)
+        for trace, found in passed.items():
+            trace.monitors.engines[0].pass_events(found[::2], found[1::2], line)
 
 
 def _no_line(number: int) -> None:  # noqa: ARG001 (lines are the numbers of events)
     return None
 
 
-def _line(
-    batches: Sequence[tuple[Sequence[Json], Sequence[int], int, Sequence[int | None]]], number: int
-) -> int | None:
+def _line(batches: Sequence[KeyedBatch], number: int) -> int | None:
     """Return the line of an event of some batches, or None if it is its number."""
-    _, _, before, lines = batches[bisect_left(batches, number, key=itemgetter(2)) - 1]
-    found = lines[number - before - 1] if lines else None
+    batch = batches[bisect_left(batches, number, key=attrgetter("before")) - 1]
+    found = batch.lines[number - batch.before - 1] if batch.lines else None
     return None if found == number else found
 
 

@@ -159,7 +159,7 @@ class EventBuffer:
         return known
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class MonitoredTrace:
     """The monitors of a trace or key, with the number of their events."""
 

@@ -12,7 +12,6 @@ from operator import itemgetter, length_hint
 from typing import Any, Final, TypeAlias, cast
 
 from rvaft.engine.compiled_tree import EventClass
-from rvaft.engine.monitor import Engine
 from rvaft.engine.strategy import BatchEvent, Noted
 from rvaft.errors import TooLarge
 from rvaft.model.event_time import JUMPS, Jump
@@ -95,7 +94,7 @@ class TraceRun:
         """The times of the current batch, if one monitor reads all events and some may be late."""
         self._passed: list[tuple[BatchLateness, int, Sequence[int | None]]] = []
         """The last batches whose jumps are not noted: times, the event before them, and lines."""
-        self._keyed_times = KeyedTimes(self._engine_of_key)
+        self._keyed_times = KeyedTimes()
         self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
@@ -112,12 +111,8 @@ class TraceRun:
             watch.monitors.expect(self._coming[tuple(map(value_key, values))])
         return watch
 
-    def _engine_of_key(self, value: Json) -> Engine | None:
-        watch = None if self.keys is None else self.keys.find((value,))
-        return None if watch is None else watch.monitors.engines[0]
-
     def _may_forget_keys(self) -> bool:
-        self._keyed_times.settle(self.number - 1)
+        self._keyed_times.settle()
         return not any(listener.each_key for listener in self.listeners)
 
     def _begin_trace(self, watch: MonitoredTrace) -> None:
@@ -150,7 +145,7 @@ class TraceRun:
         """Tell the monitors of the times of events that they did not read, before their states are kept."""
         if self._passed:
             self._note_jumps()
-        self._keyed_times.settle(self.number)
+        self._keyed_times.settle()
 
     def line_of(self, number: int) -> int | None:
         """Return the line of a current event in the input; None if it has no lines."""
@@ -344,7 +339,7 @@ class TraceRun:
 
     def _is_late(self, watch: MonitoredTrace, place: int, event: JsonObject) -> bool:
         """Whether an event of a key is late."""
-        self._keyed_times.settle(self.number - 1)
+        self._keyed_times.settle()
         engine = watch.monitors.engines[0]
         late = engine.is_late(event, *self._numbered(place))
         self._keyed_times.greatest = max(self._keyed_times.greatest, engine.latest or -inf)
@@ -447,10 +442,8 @@ class TraceRun:
         if self.keys is None:
             steps = self._steps(block, events, batch, turns=turns)
         else:
-            if rises:
-                self._keyed_times.add([event[keyed_by] for event in bodies], passing, *self.lines)
-                passing = []
-            steps = self._steps_of_keys(self.keys, events, passing, late, batch, turns=turns)
+            came = self._keyed_times.add(passing, *self.lines) if rises else None
+            steps = self._steps_of_keys(self.keys, events, passing, late, batch, came=came, turns=turns)
         return self._counted(steps, found, events, late)
 
     def _batch(self, some: Groups, events: Sequence[Placed], *, rises: bool) -> list[BatchEvent]:
@@ -511,7 +504,7 @@ class TraceRun:
 
     def _late_of_keys(self, keys: KeyedTraces, events: Sequence[Placed], times: Sequence[int | None]) -> set[int]:
         """Return the places of the events with these times that are late for their keys."""
-        self._keyed_times.settle(self.number)
+        self._keyed_times.settle()
         (name,), time = keys.names, self.plan.monitors.time
         latest, late, allowed = dict[Json, int | None](), set[int](), 0 if time is None else time.late or 0
         for (place, event), now in zip(events, times, strict=True):
@@ -535,9 +528,13 @@ class TraceRun:
         late: Collection[int],
         batch: Sequence[BatchEvent],
         *,
+        came: list[MonitoredTrace] | None,
         turns: bool,
     ) -> Iterator[int]:
-        """Step over a batch, which has no late events, with the monitors of keys; `times` are those of all events."""
+        """Step over a batch, which has no late events, with the monitors of keys.
+
+        `times` are those of all events, which the monitors are told, or the traces of events are added to `came`.
+        """
         (name,), known, first = keys.names, keys.known, self.lines[0] + 1
         coming, noted = iter(batch), Noted([], [])
         following = next(coming, None)
@@ -552,7 +549,9 @@ class TraceRun:
                     watch = keys.of(event, number)
                     assert watch is not None, "each event has a key"
                 watch.events += 1
-                if time is not None:
+                if came is not None:
+                    came.append(watch)
+                elif time is not None:
                     watch.monitors.engines[0].pass_event(time, *self._numbered(place))
                     if place in late:
                         self._note_late(watch, place, event)

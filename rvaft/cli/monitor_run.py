@@ -541,7 +541,9 @@ def _unread(name: str, stream: FollowedFile) -> Iterator[str]:
 
 
 def _in_turns(runs: Sequence[TraceRun]) -> list[MonitoredTrace]:
-    """Return the monitored traces of each key for all trees, so that new keys come last."""
+    """Return the monitored traces of each key for all trees, so that new keys come last, for a checkpoint."""
+    for run in runs:
+        run.settle()
     return [watch for of_key in zip(*(run.watches for run in runs), strict=True) for watch in of_key]
 
 

@@ -272,13 +272,13 @@ class Log:
 class BatchTimes(NamedTuple):
     """The values of a time field in each event of a batch that lacks irrelevant ones; None if missing.
 
-    They may have lost digits; `exact` returns that of an event by its place, and `events` all events with
-    their places. `known` is for what is derived from them for several trees.
+    They may have lost digits; `exact` returns that of an event by its place, and `event` the event. `known`
+    is for what is derived from them for several trees.
     """
 
     values: Sequence[Json]
     exact: Callable[[int], Json]
-    events: Callable[[], Sequence[tuple[int, JsonObject]]]
+    event: Callable[[int], JsonObject]
     known: dict[object, object]
 
 

@@ -10,9 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
-from typing import Final, NoReturn, TypeAlias, assert_never
-
-import networkx as nx
+from typing import TYPE_CHECKING, Final, NoReturn, TypeAlias, assert_never
 
 from backends.orders import Orders
 from rvaft.core.part_numbers import PartKind
@@ -34,6 +32,9 @@ from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import Guard, conjuncts, variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.support.bits import bits
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 Refusal: TypeAlias = Callable[[str, Iterable[str]], NoReturn]
 """Raises a refusal for nodes: a `TIE` of events, or a `WINDOW` over a duplicated part."""
@@ -284,6 +285,8 @@ class Nesting:
     # One scenario after the other.
 
     def _scenarios(self, root: Part) -> Iterator[Nest]:
+        import networkx as nx  # noqa: PLC0415 -- imported on use
+
         if inside := [one.source.node for one in parts_below(root) if isinstance(one, Within)]:
             self._refuse(WINDOW, inside)
         orders = Orders(self._prop.with_root(root), limit=self._limit, grouped=False)
@@ -309,7 +312,9 @@ class Nesting:
                 elif guards is not None:
                     yield NOTHING
 
-    def _arranged(self, leaves: Mapping[Event, Nest], order: nx.DiGraph) -> Nest:
+    def _arranged(self, leaves: Mapping[Event, Nest], order: "nx.DiGraph") -> Nest:
+        import networkx as nx  # noqa: PLC0415 -- imported on use
+
         if len(leaves) == 1:
             self._made += 1
             self._fits(self._made)

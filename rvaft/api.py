@@ -1,6 +1,7 @@
 """The functions of `import rvaft` and the types that they take and return.
 
-`branch` and `kind` restrict a tree to one branch, or to the branches of a kind.
+`branch` and `kind` restrict a tree to one branch, or to the branches of a kind. The engine and
+drawings are imported on use: a translation needs neither.
 """
 
 import os
@@ -11,7 +12,6 @@ from typing import Any, Final, TypeVar, Unpack
 from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
 from rvaft.core.branches import Branch
 from rvaft.core.branches import branches as branches_of
-from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import (
     CheckpointError,
     LanguageError,
@@ -28,15 +28,13 @@ from rvaft.errors import (
     WrongType,
     expect,
 )
-from rvaft.export import dot_text, looking, picture
-from rvaft.export.property_text import property_text
 from rvaft.language.draft import Draft, no_collections
 from rvaft.language.parser import TreeOptions, parse, parse_file
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Awaited, Ended, Explanation, Monitor, Pending, Repetition
+from rvaft.monitors import DEFAULT_LIMIT, Awaited, Ended, Explanation, Monitor, Pending, Repetition
 from rvaft.rules import check_draft, check_tree, require_valid, valid_part
 from rvaft.rules.rule import Finding, Severity
 
@@ -147,6 +145,8 @@ def monitor(
     expect("branch", branch, int | None, "an int")
     expect("limit", limit, int, "an int")
     expect("repeat", repeat, bool, "a bool")
+    from rvaft.engine.monitor import Engine  # noqa: PLC0415 -- imported on use
+
     engine = Engine(narrowed(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit)
     return Repetition(engine) if repeat else engine
 
@@ -195,6 +195,9 @@ def to_dot(
     True
     """
     expect("tree", tree, RVAFT, _TREE)
+    from rvaft.export.dot import dot_text  # noqa: PLC0415 -- imported on use
+    from rvaft.export.layout import looking  # noqa: PLC0415
+
     look = looking(
         tree,
         events=events,
@@ -210,14 +213,22 @@ def to_dot(
 
 
 def _notebook_svg(tree: RVAFT) -> str | None:
+    from rvaft.export.dot import picture  # noqa: PLC0415 -- imported on use
+
     try:
         return picture(to_dot(tree), "svg", timeout=20).decode()
     except (ToolMissing, ToolFailed):
         return None
 
 
+def _branch_text(branch: Branch) -> str:
+    from rvaft.export.property_text import property_text  # noqa: PLC0415 -- imported on use
+
+    return property_text(branch)
+
+
 RVAFT.notebook_svg = staticmethod(_notebook_svg)
-Branch.text = staticmethod(property_text)
+Branch.text = staticmethod(_branch_text)
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:

@@ -5,7 +5,6 @@ The first common mistake that matches the lexemes around the position determines
 
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
 from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
 
@@ -205,6 +204,8 @@ def _meant(word: str, known: tuple[str, ...]) -> str | None:
     for candidate in known:
         if sorted(word) == sorted(candidate):  # swapped letters, which difflib rates too low in short words
             return candidate
+    from difflib import get_close_matches  # noqa: PLC0415 -- imported on use
+
     return next(iter(get_close_matches(word, known, 1, 0.75)), None)
 
 

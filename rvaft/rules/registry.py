@@ -1,8 +1,6 @@
 """The table of all rules, the explanation of codes, and the validation of trees."""
 
-import tomllib
 from collections.abc import Iterable
-from difflib import get_close_matches
 from functools import cache
 from operator import attrgetter
 from pathlib import Path
@@ -156,6 +154,8 @@ class CodeMeaning(NamedTuple):
 @cache
 def meanings() -> dict[str, CodeMeaning]:
     """Return the explanations by code."""
+    import tomllib  # noqa: PLC0415 -- imported on use
+
     text = Path(__file__).with_name("rules.toml").read_text(encoding="utf-8")
     return {code: CodeMeaning(**words) for code, words in tomllib.loads(text).items()}
 
@@ -165,6 +165,8 @@ class UnknownRule(RvaftError, KeyError):
 
     def __init__(self, code: str) -> None:
         self.code = code
+        from difflib import get_close_matches  # noqa: PLC0415 -- imported on use
+
         close = get_close_matches(code.lower(), [*RULES, *CODES], n=1)
         guess = f"; did you mean {close[0]}?" if close else f"; the rules are {', '.join(sorted(RULES))}"
         super().__init__(f"there is no rule {code}{guess}")

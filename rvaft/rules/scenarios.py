@@ -15,9 +15,10 @@ from rvaft.model.guards import Guard, Operation, Operator, conjuncts, time_point
 from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, Pattern, Variable, rigid_variables, substitute, walk
 from rvaft.model.tree import RVAFT, knots
-from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
+from rvaft.rules.rule import RuleReport, branch_of
 from rvaft.support.bits import DisjointSets, bits, mask_of, union
 from rvaft.support.budget import Budget, Undecided
+from rvaft.support.wording import did_you_mean, listing
 
 _EVENT, _NEVER = 1, 2
 

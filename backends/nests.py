@@ -12,8 +12,6 @@ from itertools import combinations
 from math import comb
 from typing import TYPE_CHECKING, Final, NoReturn, TypeAlias, assert_never
 
-from backends.orders import Orders
-from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import (
     All,
     AtLeast,
@@ -22,6 +20,7 @@ from rvaft.core.property import (
     Event,
     One,
     Part,
+    PartKind,
     Property,
     Sequence,
     Times,
@@ -136,6 +135,8 @@ def in_every_order(prop: Property, refusal: Refusal, *, limit: int) -> Nest:
     >>> [part.nodes() for part in in_every_order(property_of(loads("top and a b;")), refused, limit=9).parts]
     [['a', 'b'], ['b', 'a']]
     """
+    from backends.orders import Orders  # noqa: PLC0415 -- imported on use
+
     orders = Orders(prop, limit=limit, grouped=False)
     first: dict[tuple[Pattern, tuple[Guard, ...]], Nest] = {}
     words = dict[tuple[Nest, ...], None]()
@@ -187,6 +188,8 @@ class Nesting:
         if found == NOTHING:
             raise TreeError(f"a scenario of {root} has no event", rule="silent-scenario", nodes=[root])
         if found == NEVER:  # guards with variables may never hold in a feasible scenario
+            from backends.orders import Orders  # noqa: PLC0415 -- imported on use
+
             next(Orders(self._prop, limit=self._limit, grouped=False).scenarios())
         return found
 
@@ -289,6 +292,8 @@ class Nesting:
 
         if inside := [one.source.node for one in parts_below(root) if isinstance(one, Within)]:
             self._refuse(WINDOW, inside)
+        from backends.orders import Orders  # noqa: PLC0415 -- imported on use
+
         orders = Orders(self._prop.with_root(root), limit=self._limit, grouped=False)
         self._made = 0
         with suppress(TreeError):  # no feasible scenario

@@ -35,8 +35,8 @@ from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_LIMIT, Awaited, Ended, Explanation, Monitor, Pending, Repetition
-from rvaft.rules import check_draft, check_tree, require_valid, valid_part
 from rvaft.rules.rule import Finding, Severity
+from rvaft.rules.validity import check_draft, require_valid, valid_part
 
 __all__ = [
     "RVAFT",
@@ -159,6 +159,8 @@ def check(tree: RVAFT) -> list[Finding]:
     infeasible-scenario warning b
     """
     expect("tree", tree, RVAFT, _TREE)
+    from rvaft.rules.registry import check_tree  # noqa: PLC0415 -- imported on use
+
     return check_tree(tree)
 
 
@@ -288,6 +290,8 @@ def _checked(draft: Draft) -> RVAFT:
     try:
         require_valid(tree)  # caches the result
     except TreeError:
+        from rvaft.rules.registry import check_tree  # noqa: PLC0415 -- imported on use
+
         _raise_first(check_tree(tree))
         raise
     return tree

@@ -14,9 +14,8 @@ from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
 from rvaft.core.classifier import TreeReads
-from rvaft.core.part_numbers import PartKind
 from rvaft.core.passes import followed, of_branch
-from rvaft.core.property import All, EndInOrder, Event, One, Part, Property, Source, Times, with_parts
+from rvaft.core.property import All, EndInOrder, Event, One, Part, PartKind, Property, Source, Times, with_parts
 from rvaft.core.scenarios import is_empty, transitive
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import awaited

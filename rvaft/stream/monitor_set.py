@@ -21,7 +21,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Ended, Explanation, Monitor, Repetition
-from rvaft.rules import valid_part
+from rvaft.rules.validity import valid_part
 from rvaft.stream.statistics import EventKind, EventTypeIndex
 
 MOST: Final = 1_000

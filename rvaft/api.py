@@ -28,7 +28,7 @@ from rvaft.errors import (
     WrongType,
     expect,
 )
-from rvaft.language.draft import Draft, no_collections
+from rvaft.language.draft import Draft
 from rvaft.language.parser import TreeOptions, parse, parse_file
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Topic
@@ -37,6 +37,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_LIMIT, Awaited, Ended, Explanation, Monitor, Pending, Repetition
 from rvaft.rules.rule import Finding, Severity
 from rvaft.rules.validity import check_draft, require_valid, valid_part
+from rvaft.support.collector import no_collections
 
 __all__ = [
     "RVAFT",

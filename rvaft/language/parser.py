@@ -16,12 +16,13 @@ from lark.exceptions import UnexpectedInput
 
 from rvaft.errors import LanguageError, error_at
 from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement, shown
-from rvaft.language.draft import Draft, Located, no_collections
+from rvaft.language.draft import Draft, Located
 from rvaft.language.galileo import SUFFIXES as GALILEO
 from rvaft.language.galileo import is_galileo, read_dynamic_gates
 from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
+from rvaft.support.collector import no_collections
 from rvaft.support.files import note_input, opened_within
 
 SUFFIXES: Final = (".rvaft", *GALILEO)

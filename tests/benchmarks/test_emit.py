@@ -126,7 +126,7 @@ def test_twice_as_many_leaves_take_twice_as_long(
 
 
 LARGE: Final = 10_000
-BITS: Final = 3.6
+BITS: Final = 3.9
 """The same for an automaton, whose letters are sets of all leaves: numbers of 20,000 bits."""
 
 

@@ -358,7 +358,7 @@ WORKLOADS: Final[Mapping[str, tuple[Callable[[Path], Known], Mapping[str, Peer]]
             "engine": Peer(monitored(), together, most=100),
             "engine, --key": Peer(monitored("--key", "ip"), apart, most=80),
             "--native": Peer(monitored("--native"), together, most=1.2, program="gcc"),
-            "--native --key": Peer(monitored("--native", "--key", "ip"), apart, most=4, program="gcc"),
+            "--native --key": Peer(monitored("--native", "--key", "ip"), apart, most=6, program="gcc"),
             "--engine duckdb": Peer(monitored("--engine", "duckdb", tree=TYPED), together, most=50, module="duckdb"),
             "--engine duckdb --key": Peer(
                 monitored("--engine", "duckdb", "--key", "ip", tree=TYPED), apart, most=80, module="duckdb"

@@ -173,6 +173,8 @@ AHEAD: Final = 256
 LIVE: Final = 5_000
 """Maximum number of events that a `DetectionMonitor` evaluates after each event."""
 DEFAULT_BRANCHES: Final = 100
+DEFAULT_LIMIT: Final = 100_000
+"""The maximum number of partial matches of a monitor."""
 """The maximum number of branches that `Monitor.pending` lists separately."""
 
 

@@ -7,7 +7,6 @@ subformulas. The `limit` counts subformulas. Only reading needs Spot.
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from backends.ltlf.mona import MonaMonitor
 from backends.ltlf.monitor import LtlfMonitor, formal, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
@@ -78,4 +77,6 @@ class LtlfBackend(Backend):
         """
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
+        from backends.ltlf.mona import MonaMonitor  # noqa: PLC0415 -- imported on use
+
         return MonaMonitor(text, atoms or {})

@@ -15,10 +15,9 @@ from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
+from rvaft.monitors import DEFAULT_BRANCHES, DEFAULT_LIMIT, Ended, Explanation, Monitor, Pending
 from rvaft.support.copies import twin
 
-DEFAULT_LIMIT: Final = 100_000
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 

@@ -14,7 +14,6 @@ from decimal import ROUND_05UP, ROUND_HALF_EVEN, Context, Decimal, DecimalExcept
 from enum import StrEnum
 from functools import lru_cache
 from typing import Final, NamedTuple
-from zoneinfo import ZoneInfo
 
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Place
@@ -185,6 +184,8 @@ def _zone(name: str | None) -> tzinfo:
         if _OFFSET.fullmatch(name):
             return timezone(timedelta(seconds=_ahead(name)))
         if name != "localtime":  # of the machine
+            from zoneinfo import ZoneInfo  # noqa: PLC0415 -- imported on use
+
             return ZoneInfo(name)
         raise ValueError(name)  # noqa: TRY301
     except (OSError, ValueError, LookupError):

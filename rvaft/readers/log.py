@@ -100,6 +100,12 @@ _BOOLEANS: Final = {
 }
 
 
+PROFILES: Final = Path(__file__).with_name("profiles")
+"""The folder of the shipped profiles."""
+SHIPPED: Final = sorted(one.name.removesuffix(".toml") for one in PROFILES.iterdir())
+"""The names of the shipped profiles."""
+
+
 @dataclass(frozen=True, slots=True)
 class InputOptions:
     """Options of log formats; None or empty if not given.

@@ -22,7 +22,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Ended, Explanation, Monitor, Repetition
-from rvaft.rules import valid_part
+from rvaft.rules.validity import valid_part
 from rvaft.stream.statistics import EventTypeIndex
 from rvaft.support.copies import twin
 

@@ -42,6 +42,9 @@ def _latest_starts(prop: Property, limit: int, repeat_by: str | None) -> LatestS
     found = None if decided.root is IMPOSSIBLE else units(decided)
     if found is None or not any(unit.timed or unit.key for unit in found):
         return None
+    late = None if prop.time is None else prop.time.late
+    if late != 0 and any(unit.distinct and unit.timed for unit in found):
+        return None
     if repeat_by is not None and not all(repeat_by in unit.key for unit in found):
         return None
     return LatestStarts(prop, found, limit=limit)

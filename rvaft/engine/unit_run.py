@@ -17,7 +17,7 @@ from typing import Any, Final, TypeAlias, assert_never
 from rvaft.core.property import Source
 from rvaft.engine.explanation import Step
 from rvaft.engine.units import Op, Unit, UnitLeaf
-from rvaft.model.values import Json, key
+from rvaft.model.values import Json, is_finite, key
 
 TIME: Final = 0
 """The places of the first values of a state."""
@@ -159,7 +159,7 @@ class UnitRun(ABC):
             state[place] = {}
         return state[place], tuple([plain_key(values[name]) for name in leaf.own])
 
-    def events_of(self, state: State, leaf: UnitLeaf) -> Mapping[Hashable, list[CountedEvent]]:
+    def events_of(self, state: State, leaf: UnitLeaf) -> Mapping[Hashable, Any]:
         """Return the events of a counted leaf by the variables in which they agree."""
         found = state[self.places[leaf.node]]
         return (found or {}) if leaf.own else {(): found or []}
@@ -174,7 +174,9 @@ def copied(state: State) -> State:
 def _copied(value: Any) -> Any:
     if type(value) is list:
         return value.copy()
-    return {name: one.copy() for name, one in value.items()} if type(value) is dict else value
+    if type(value) is dict:
+        return {name: one if type(one) is tuple else one.copy() for name, one in value.items()}
+    return value
 
 
 def plain_key(value: Json) -> Hashable:
@@ -225,6 +227,7 @@ class OrderedRun(UnitRun):
     def _taking(self, leaf: UnitLeaf, done: Complete) -> Take:
         node, slot = leaf.node, HEAD + leaf.after if leaf.after >= 0 else 0
         settled, remembers, counts = self.unit.settled[node], self.remembers, leaf.number > 1
+        distinct = bool(leaf.distinct)
 
         def take(state: State, position: int, time: Any, values: Any) -> Match | None:
             before = None
@@ -237,6 +240,9 @@ class OrderedRun(UnitRun):
                 self._remember(state, leaf, (position, time, node, values))
             if settled and self.is_over(state, node):
                 return None
+            if distinct:
+                match = self._different(state, leaf, (position, time, before, values))
+                return match and done(state, match, time)
             if counts:
                 match = self._counted(state, leaf, (position, time, before, values))
                 return match and done(state, match, time)
@@ -289,6 +295,30 @@ class OrderedRun(UnitRun):
         first = events[-count]
         return first[0], first[1], (leaf.node, events, len(events)), first[2]
 
+    def _different(self, state: State, leaf: UnitLeaf, event: CountedEvent) -> Match | None:
+        """Add an event to the last one of each value; return the match of the last different ones.
+
+        The events of a leaf are in the order of their values' last events, at most as many as it counts.
+        """
+        value = event[3][leaf.distinct]
+        if not is_finite(value):  # it differs from no other
+            return None
+        container, name = self.place_of(state, leaf, event[3])
+        events: dict[Hashable, CountedEvent] | None = container.get(name) if leaf.own else container[name]
+        if events is None:
+            events = container[name] = {}
+        own = plain_key(value)
+        events.pop(own, None)
+        events[own] = event
+        if len(events) > leaf.number:
+            del events[next(iter(events))]
+        if len(events) < leaf.number:
+            return None
+        first, limit = next(iter(events.values())), self.unit.limits[leaf.node]
+        if limit is not None and event[1] - first[1] > limit:
+            return None
+        return first[0], first[1], (leaf.node, [*events.values()], leaf.number), first[2]
+
     def kept(self, state: State) -> int:  # noqa: ARG002
         """Return 0: what a state keeps depends on the tree alone."""
         return 0
@@ -306,13 +336,18 @@ class OrderedRun(UnitRun):
         matches = [_times(state[HEAD + node]) for node in range(len(self.unit.places))]
         counted = [
             frozenset(
-                (name, tuple([(one[1], _times(one[2])) for one in events[1 - leaf.number :]]))
+                (name, tuple([(value, one[1], _times(one[2])) for value, one in _kept(leaf, events)]))
                 for name, events in self.events_of(state, leaf).items()
             )
             for leaf in self.unit.leaves
             if leaf.number > 1
         ]
         return tuple(matches), tuple(counted)
+
+
+def _kept(leaf: UnitLeaf, events: Any) -> Iterable[tuple[Hashable, CountedEvent]]:
+    """Return the events of a counted leaf on which later detections depend, with their different values."""
+    return events.items() if leaf.distinct else [(None, one) for one in events[1 - leaf.number :]]
 
 
 def _first(match: Match) -> int:

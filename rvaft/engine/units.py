@@ -26,9 +26,9 @@ from rvaft.core.property import (
     Without,
 )
 from rvaft.core.property import Sequence as Ordered
-from rvaft.model.guards import Guard, Operation, Operator, time_points
+from rvaft.model.guards import Guard, Operation, Operator, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Pattern, rigid_variables
+from rvaft.model.patterns import Pattern, Variable, rigid_variables, substitute
 from rvaft.support.bits import mask_of
 
 DEEPEST: Final = 100
@@ -86,6 +86,8 @@ class UnitLeaf(NamedTuple):
     """The node whose sequence must be complete up to it before; -1 for none."""
     timed: bool
     """Whether a window depends on the time of the event."""
+    distinct: str = ""
+    """The variable of the pattern in which the counted events differ, if they must."""
 
 
 class GatePlace(NamedTuple):
@@ -132,6 +134,11 @@ class Unit:
     """The choices above the unit."""
     kept: Mapping[int, tuple[str, ...]]
     """The names of the children of nodes that may keep fewer than all."""
+
+    @property
+    def distinct(self) -> bool:
+        """Whether some counted events must differ."""
+        return any(leaf.distinct for leaf in self.leaves)
 
     @property
     def timed(self) -> bool:
@@ -185,7 +192,7 @@ def _drafted(prop: Property) -> _Draft:
     for part in prop.parts:
         name = "" if part.source is None else part.source.node
         match part:
-            case Times(own=own) if own:
+            case Times(distinct=distinct) if len(distinct) > 1:
                 raise _NotApart
             case Event() | Times():
                 made[part] = _Draft(Op.LEAF, name, event=part)
@@ -235,7 +242,7 @@ def _push_guard(condition: Condition, part: Part, below: Sequence[_Draft]) -> No
         for leaf in chain.from_iterable(draft.leaves() for draft in below)
         if leaf.event in owns and leaf.event is not None and leaf.event.source.node == condition.source.node
     ]
-    if len(own) == 1 and own[0].event is not None and names.issubset(rigid_variables(own[0].event.pattern)):
+    if len(own) == 1 and own[0].event is not None and names.issubset(_bound_by(own[0].event)):
         own[0].guards.append(guard)
         return
     leaves = [leaf for draft in below for leaf in draft.leaves()]
@@ -243,6 +250,16 @@ def _push_guard(condition: Condition, part: Part, below: Sequence[_Draft]) -> No
         raise _NotApart
     for leaf in leaves:
         leaf.guards.append(guard)
+
+
+def _bound_by(event: Event | Times) -> set[str]:
+    """Return the variables that have values in an event."""
+    return {*rigid_variables(event.pattern), *(event.own if isinstance(event, Times) else ())}
+
+
+def _values_of(event: Event | Times) -> dict[str, str]:
+    """Return the names by which a unit reads the values that each counted event has for itself."""
+    return {name: name.removeprefix("_") for name in event.own} if isinstance(event, Times) else {}
 
 
 def _push_windows(root: _Draft) -> None:
@@ -299,20 +316,25 @@ def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
         repeats[node] = repeats[gate] or (slot > 0 and op is Op.ENDS)
         above = limits[gate]
         limits[node] = above if draft.window is None else draft.window if above is None else min(above, draft.window)
-    leaves = tuple(
-        UnitLeaf(
-            node,
-            draft.event.source.node,
-            draft.event.pattern,
-            _all(guards[node]),
-            draft.event.count if isinstance(draft.event, Times) else 1,
-            own[node],
-            after[node],
-            limits[node] is not None,
-        )
-        for node, draft in enumerate(nodes)
-        if draft.event is not None
-    )
+    leaves = list[UnitLeaf]()
+    for node, draft in enumerate(nodes):
+        if (event := draft.event) is not None:
+            count, distinct = (event.count, event.distinct) if isinstance(event, Times) else (1, ())
+            names, guard = _values_of(event), _all(guards[node])
+            pattern = substitute(event.pattern, {old: Variable(new) for old, new in names.items()})
+            leaves.append(
+                UnitLeaf(
+                    node,
+                    event.source.node,
+                    pattern,
+                    None if guard is None else renamed(guard, names),
+                    count,
+                    own[node],
+                    after[node],
+                    limits[node] is not None,
+                    names[distinct[0]] if distinct and count > 1 else "",
+                )
+            )
     _refuse_overlaps(leaves, parent, nodes)
     places = tuple(
         _place(nodes[gate], gate, children[gate], slot) if gate >= 0 else GatePlace(-1, Op.ONE, -1, True, (), 0)
@@ -324,11 +346,13 @@ def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
         if node.op is Op.ONE
     }
     windows = tuple(node.window for node in nodes)
+    if choices and any(leaf.distinct for leaf in leaves):
+        raise _NotApart  # the events that a branch needs are not the last ones
     if choices and windows[0] is None and any(window is not None for window in windows):
         raise _NotApart  # the events that a branch needs may be older than any window
     return Unit(
         key,
-        leaves,
+        tuple(leaves),
         tuple(node.name if node.event is None else node.event.source.node for node in nodes),
         children,
         places,

@@ -217,6 +217,39 @@ def test_choices_and_counts_in_windows_cost_what_comes(late: str, capsys: pytest
     assert not failures
 
 
+def test_counts_of_different_values_cost_what_counts_of_events_cost(capsys: pytest.CaptureFixture[str]) -> None:
+    """At most twice: a scan of ports in a window, of 500 sources at once."""
+
+    def cost(count: str) -> float:
+        rules = "time t as s late 0 s; event c(s, p) = { k: 'c', s: s, p: p }; event d(s) = { k: 'd', s: s };"
+        tree = f"{rules} scan and x never within 1 min; x on c(S, P) times {count}; never on d(S);".replace("'", '"')
+        monitor = Engine(rvaft.loads(tree), "scattered")
+        log = [
+            {"k": "c", "s": number * 7919 % 500, "p": number * 104729 % 60_000, "t": number / 100}
+            for number in range(22_000)
+        ]
+        for event in log[:10_000]:
+            monitor.step(event)
+        times = []
+        for begin in range(10_000, len(log), 1_000):
+            start = time.process_time()
+            for event in log[begin : begin + 1_000]:
+                monitor.step(event)
+            times.append((time.process_time() - start) / 1_000)
+        assert monitor.verdict is Verdict.UNKNOWN
+        return min(times)
+
+    rows, failures = list[str](), list[str]()
+    for count in (10, 20, 100):
+        events, values = cost(f"{count} each P"), cost(f"{count} distinct P")
+        rows.append(f"times {count:<4} {events * 1e6:6.1f} µs, distinct {values * 1e6:6.1f} µs: {values / events:.2f}")
+        if values > 2 * events:
+            failures.append(rows[-1])
+    with capsys.disabled():
+        sys.stdout.write("\n" + "\n".join(rows) + "\n")
+    assert not failures
+
+
 SHARED: Final = {
     "two ANDs": ("and x y", "x and {cs}; y and {cs};", "c{i} or a{i} b{i};"),
     "two sequences": ("and x y", "x sand {cs}; y sand {cs};", "c{i} or a{i} b{i};"),

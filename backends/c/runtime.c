@@ -1357,4 +1357,36 @@ RVAFT_API int rvaft_step(rvaft_monitor *m, const rvaft_event *e) {
     return verdict;
 }
 
+#if !RVAFT_KEYED
+
+/* A time in nanoseconds has come, without an event. Returns the verdict or an error as rvaft_step does. */
+RVAFT_API int rvaft_pass_time(rvaft_monitor *m, int64_t time) {
+    m->changed = 0;
+    if (m->error != 0 || m->verdict != RVAFT_UNKNOWN) {
+        return m->error != 0 ? m->error : m->verdict;
+    }
+    if (RVAFT_LATE >= 0 && (!m->has_latest || time > m->latest)) {
+        m->latest = time;
+        m->has_latest = 1;
+    }
+#if RVAFT_WAITS
+    m->changed = is_decided(m, time);
+#endif
+    return decided(m, m->changed ? RVAFT_TRUE : RVAFT_UNKNOWN);
+}
+
+/* The trace has ended, so that no event breaks a match that waits. Returns as rvaft_step does. */
+RVAFT_API int rvaft_finish(rvaft_monitor *m) {
+    m->changed = 0;
+    if (m->error != 0 || m->verdict != RVAFT_UNKNOWN) {
+        return m->error != 0 ? m->error : m->verdict;
+    }
+#if RVAFT_WAITS
+    m->changed = is_whole(m);
+#endif
+    return decided(m, m->changed ? RVAFT_TRUE : RVAFT_UNKNOWN);
+}
+
+#endif
+
 /* @state */

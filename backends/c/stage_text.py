@@ -1,6 +1,7 @@
 """The writer of C for a property whose partial matches have stages."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import chain
 from typing import ClassVar, Final
 
 from backends.c.events import expression
@@ -8,6 +9,7 @@ from backends.c.stages import Break, Load, Recall, Remembered, Slot, StageTable,
 from backends.c.text import CELL, LONG, WORD, ConstantTable, EventTests, KeyField, Writer, array, laid_out, times
 from rvaft.core.property import Property
 from rvaft.model.guards import Guard, Operator
+from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics
 
 CAPACITY: Final = 1024
@@ -33,7 +35,9 @@ class StageWriter(Writer):
         self._loads, self._joins, self._slots, self._order, self._expiries = (ConstantTable() for _ in range(5))
         self._most_links = 1
         stages = found.stages
-        self._absences = any(stage.breaks or stage.waits or any(move.recalls for move in stage.moves) for stage in stages)
+        self._absences = any(
+            stage.breaks or stage.waits or any(move.recalls for move in stage.moves) for stage in stages
+        )
         self._waits = any(stage.waits for stage in stages)
         recalls = (recall.remembered for stage in stages for move in stage.moves for recall in move.recalls)
         self._remembered = {one: number for number, one in enumerate(dict.fromkeys(recalls))}
@@ -59,7 +63,8 @@ class StageWriter(Writer):
     def _links(self, stage: TableStage) -> list[tuple[int, ...]]:
         """Return the lists of slots by which partial matches of a stage are found."""
         exact = tuple(range(stage.exact))
-        joined = (tuple(sorted(slot for slot, _ in move.joins)) for move in (*stage.moves, *stage.breaks))
+        joins = chain((move.joins for move in stage.moves), (one.joins for one in stage.breaks))
+        joined = (tuple(sorted(slot for slot, _ in some)) for some in joins)
         return list(dict.fromkeys((exact, *joined))) if self._scattered else [exact]
 
     def _move(self, number: int, move: Transition, links: Sequence[tuple[int, ...]]) -> str:
@@ -144,12 +149,17 @@ class StageWriter(Writer):
     def _moves_by_pattern(self, owners: Sequence[int]) -> Iterator[str]:
         stages = self._found.stages
         order = sorted(range(len(owners)), key=lambda number: stages[owners[number]].rank)
-        rows = [row for stage in stages for row in (*stage.moves, *stage.breaks)]
-        for name, kind in (("moves", Transition), *([("breaks", Break)] if self._absences else [])):
+        moves, breaks, place = dict[int, Pattern](), dict[int, Pattern](), 0
+        for stage in stages:
+            moves |= {place + n: one.pattern for n, one in enumerate(stage.moves)}
+            place += len(stage.moves)
+            breaks |= {place + n: one.pattern for n, one in enumerate(stage.breaks)}
+            place += len(stage.breaks)
+        for name, rows in (("moves", moves), *([("breaks", breaks)] if self._absences else [])):
             by_pattern: list[list[int]] = [[] for _ in self._tests] or [[]]
             for number in order:
-                if isinstance(rows[number], kind):
-                    by_pattern[self._patterns[rows[number].pattern]].append(number)
+                if number in rows:
+                    by_pattern[self._patterns[rows[number]]].append(number)
             begins = [sum(map(len, by_pattern[:place])) for place in range(len(by_pattern) + 1)]
             yield array("uint32_t", f"pattern_{name}", [str(one) for one in begins])
             yield array("uint32_t", f"sorted_{name}", [str(one) for some in by_pattern for one in some] or ["0"])
@@ -171,9 +181,15 @@ class StageWriter(Writer):
     def _summary(self) -> str:
         stages, moves = self._counts
         most = max((len(stage.moves) for stage in self._found.stages), default=0)
+        tests = max((len(stage.breaks) + len(stage.waits) for stage in self._found.stages), default=0)
+        absent = f" and {tests} tests of absence" if tests else ""
+        kinds = len(self._remembered)
+        kept = (
+            "   Events that may not come before others are remembered by their values: RVAFT_PAST.\n" if kinds else ""
+        )
         return (
             f"   {stages} stages, {moves} moves, at most {self._width} values in a partial match.\n"
-            f"   Work per event: at most {most} moves for each of RVAFT_CAPACITY partial matches.\n"
+            f"   Work per event: at most {most} moves{absent} for each of RVAFT_CAPACITY partial matches.\n{kept}"
         )
 
     @property

@@ -444,6 +444,9 @@ static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number)
     if ((r->most >= 0 && !e->has_time) || (r->guard != 0 && (!guard(m, r->guard, NULL, e) || m->error != 0))) {
         return;
     }
+    if (m->pasts >= RVAFT_PAST) { /* before a text needs room */
+        forget_past(m);
+    }
     made.number = number;
     made.latest = e->has_time ? e->time : 0;
 #if RVAFT_KEYED
@@ -475,9 +478,6 @@ static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number)
             other->latest = made.latest > other->latest ? made.latest : other->latest;
             return;
         }
-    }
-    if (m->pasts >= RVAFT_PAST) {
-        forget_past(m);
     }
     at = m->pasts;
     if (at >= RVAFT_PAST) {

@@ -9,6 +9,7 @@ from which on no event breaks the clause `for D after` of a part.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
+from itertools import chain
 from typing import Final, NamedTuple
 
 from rvaft.core.patterns import compatible
@@ -260,7 +261,9 @@ class _Rows:
 
     def decided(self, done: int) -> list[int]:
         """Return the sets of clauses that may be decided after these events as bits, larger ones first."""
-        whole = [1 << n for n, one in enumerate(self._clauses) if one.part.side is Side.AFTER and not one.events & ~done]
+        whole = [
+            1 << n for n, one in enumerate(self._clauses) if one.part.side is Side.AFTER and not one.events & ~done
+        ]
         found = [0]
         for clause in whole:
             found += [one | clause for one in found]
@@ -341,7 +344,8 @@ class _Rows:
                     live = self._live(done, decided | 1 << n)[0] if target else ()
                     loads = tuple((slot, Load(place[slot])) for slot in live)
                     waits.append(Wait(place[clause.end], _duration(clause) + (self._late or 0), loads, target))
-        rank = 1 + max(known[one.target].rank for one in (*moves, *waits))
+        targets = chain((move.target for move in moves), (wait.target for wait in waits))
+        rank = 1 + max(known[target].rank for target in targets)
         return TableStage(
             slots, exact, smaller, expiries, tuple(moves), rank, tuple(dict.fromkeys(breaks)), tuple(waits)
         )

@@ -135,6 +135,21 @@ def test_passing_time_and_the_end(tmp_path: Path) -> None:
     assert status(tmp_path / "clock", b"") == (0, "0 0 0 1 1 0 0 1 1\n", "")
 
 
+@pytest.mark.parametrize("options", [(), ("--repeat",), ("--detections", "--repeat")])
+@pytest.mark.parametrize("last", ["3", "3.5"])
+def test_a_complete_log(last: str, options: tuple[str, ...], tmp_path: Path) -> None:
+    (file := tmp_path / "lost.rvaft").write_text(f"semantics scattered; {LOST}", encoding="utf-8")
+    lines = [f'{{"event": "beat", "x": {x}, "t": {t}}}' for x, t in ((1, "0"), (2, "1"), (1, last))]
+    (log := tmp_path / "log.jsonl").write_text("\n".join(lines), encoding="utf-8")
+    ours = run("monitor", str(file), str(log), "--format", "jsonl", "--complete", *options)
+    known = ("event", "verdict", "line", "passed", "detection")
+    wanted = [{name: one[name] for name in known if name in one} for one in map(json.loads, ours.stdout.splitlines())]
+    build_program(BACKEND.translate(loads(LOST), SCATTERED).text, tmp_path / "monitor", 64)
+    code, out, error = status(tmp_path / "monitor", log.read_bytes(), "--complete", *options)
+    assert ([json.loads(line) for line in out.splitlines()], error) == (wanted, "")
+    assert code == ours.exit_code == 1
+
+
 @pytest.mark.parametrize("text", [LOST, NEW, SKIPPED, HIGHER])
 def test_sizes_and_warnings(text: str, tmp_path: Path) -> None:
     tree = loads(text)

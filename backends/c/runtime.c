@@ -231,7 +231,7 @@ RVAFT_UNUSED static int same(const rvaft_value *a, const rvaft_value *b) {
 static int compare_bytes(const rvaft_value *a, const rvaft_value *b) {
     uint32_t common = a->size < b->size ? a->size : b->size;
     int order = common == 0 ? 0 : memcmp(a->text, b->text, common);
-    return order != 0 ? order : a->size < b->size ? -1 : a->size > b->size;
+    return order != 0 ? (order < 0 ? -1 : 1) : a->size < b->size ? -1 : a->size > b->size;
 }
 
 static int sign_of_big(const rvaft_value *v) { return v->text != NULL && v->text[0] == '-' ? -1 : 1; }

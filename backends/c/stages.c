@@ -304,13 +304,16 @@ static uint32_t copy_places(partial *to, const partial *from) {
 #endif
 
 #if RVAFT_WAITS
-static int64_t deadline(const partial *p, const wait *w) { return extended(slot_of(p, w->slot)->bits, w->most); }
+static int64_t deadline(const partial *p, uint32_t number) {
+    const wait *w = &ROW(waits, number);
+    return extended(slot_of(p, w->slot)->bits, w->most);
+}
 
 static void note_deadlines(rvaft_monitor *m, const partial *p) {
     const stage *st = stage_of(p);
     uint32_t i;
     for (i = 0; i < st->waits; i++) {
-        int64_t time = deadline(p, &ROW(waits, st->wait + i));
+        int64_t time = deadline(p, st->wait + i);
         m->earliest = time < m->earliest ? time : m->earliest;
     }
 }
@@ -757,7 +760,8 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
     for (i = 0; i < from->count && i < RVAFT_CAPACITY && m->error == 0; i++) { /* matches wait on */
         const partial *p = &from->item[i];
         if (stage_of(p)->moves == 0 && stage_of(p)->waits != 0 && !IS_BROKEN(p)) {
-            *next_partial(to) = *p;
+            partial waiting = *p;
+            *next_partial(to) = waiting;
             insert_partial(m, to);
         }
     }
@@ -831,9 +835,10 @@ static int decide(rvaft_monitor *m, store *s, int64_t time) {
     for (i = 0; i < s->count && i < RVAFT_CAPACITY; i++) {
         partial *p = &s->item[i];
         for (w = 0; !IS_BROKEN(p) && w < stage_of(p)->waits;) {
-            const wait *one = &ROW(waits, stage_of(p)->wait + w);
+            const uint32_t number = stage_of(p)->wait + w;
+            const wait *one = &ROW(waits, number);
             partial old;
-            if (time <= deadline(p, one)) {
+            if (time <= deadline(p, number)) {
                 w++;
                 continue;
             }

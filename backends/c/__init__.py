@@ -19,7 +19,7 @@ from backends.c.questions import observed
 from backends.c.translation import EventTests, KeyField, translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.property import Condition, EndInOrder, Part, Property, Times, Within
+from rvaft.core.property import Condition, EndInOrder, Part, Property, Times, Within, Without
 from rvaft.errors import Reason, unwritten
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern
@@ -43,7 +43,7 @@ class CBackend(Backend):
     executes: ClassVar[bool] = True
     remark: ClassVar[str] = "/* {} */\n"
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, EndInOrder, Times, Within}
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, EndInOrder, Times, Within, Without}
     operators: ClassVar[frozenset[Operator]] = OPERATORS
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES

@@ -314,6 +314,7 @@ typedef struct options {
     int detections;
     int several;
     int strict;
+    int complete;
 } options;
 
 static int flush_output(void) {
@@ -386,7 +387,9 @@ static int write_name(const char *name) {
     return good && write_text("\", ");
 }
 
-/* Write the record of an event; with `line` as it changes the verdict. */
+#define AT_THE_END UINT64_MAX
+
+/* Write the record of an event; with `line` as it, or the end of the log, changes the verdict. */
 static int write_record(const options *o, const char *name, uint64_t number, int verdict, uint64_t line,
                         uint64_t detection) {
     static const char *const ends[3] = {", \"verdict\": \"unknown\"", ", \"verdict\": \"true\"",
@@ -394,7 +397,8 @@ static int write_record(const options *o, const char *name, uint64_t number, int
     int good = (o->several ? write_name(name) : write_text("{")) && write_text("\"event\": ") &&
                write_number(number) && write_text(ends[verdict]);
     if (good && line != 0) {
-        good = write_text(", \"line\": ") && write_number(line);
+        good = write_text(", \"line\": ");
+        good = good && (line == AT_THE_END ? write_text("null, \"passed\": \"end of the log\"") : write_number(line));
         if (good && o->repeat && verdict == RVAFT_TRUE) {
             good = write_text(", \"detection\": ") && write_number(detection);
         }
@@ -535,20 +539,34 @@ static int run(const options *o, const char *name, FILE *file, uint64_t seed) {
             end = 0;
         }
     }
+#if !RVAFT_KEYED
+    if (o->complete && the_monitor.error == 0 && (last == RVAFT_UNKNOWN || o->repeat)) {
+        if (o->repeat && the_monitor.verdict == RVAFT_TRUE) {
+            rvaft_again(&the_monitor);
+        }
+        if (rvaft_finish(&the_monitor) == RVAFT_TRUE) {
+            found = 1;
+            if (!write_record(o, name, number, RVAFT_TRUE, AT_THE_END, detections + 1)) {
+                return failed(name, line, strerror(errno), 2);
+            }
+        }
+    }
+#endif
     return found;
 }
 
 static int help(void) {
-    puts("usage: monitor [--repeat] [--detections] [FILE...]\n\n"
+    puts("usage: monitor [--repeat] [--detections] [--complete] [FILE...]\n\n"
          "Read JSON Lines from each FILE, or from standard input, and write a verdict for each event.\n"
          "--repeat restarts the monitor after each detection; --detections writes detections only.\n"
+         "--complete says that each log has ended, so that what it lacks will not come.\n"
          "The exit status is 1 if a trace detects, 0 if none does, 2 on an error in the input, and 3\n"
          "if the monitor has no verdict.");
     return 0;
 }
 
 int main(int argc, char **argv) {
-    options o = {0, 0, 0, 0};
+    options o = {0, 0, 0, 0, 0};
     int i, status = 0, files = 0, only = 0;
     uint64_t seed = (uint64_t)time(NULL) * UINT64_C(0x9E3779B97F4A7C15) ^ (uint64_t)(uintptr_t)argv;
     for (i = 1; i < argc; i++) {
@@ -560,6 +578,8 @@ int main(int argc, char **argv) {
             o.repeat = 1;
         } else if (strcmp(argv[i], "--detections") == 0) {
             o.detections = 1;
+        } else if (strcmp(argv[i], "--complete") == 0) {
+            o.complete = 1;
         } else if (strcmp(argv[i], "--help") == 0 || strcmp(argv[i], "-h") == 0) {
             return help();
         } else {

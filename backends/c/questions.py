@@ -29,8 +29,8 @@ class _Question(NamedTuple):
 
 
 def comment(prop: Property, code: str) -> str:
-    """Return the comment for some code; empty if verdicts depend on times."""
-    if prop.timed or (prop.time is not None and prop.time.late is not None):
+    """Return the comment for some code; empty if verdicts depend on times or absent events."""
+    if prop.timed or prop.absences or (prop.time is not None and prop.time.late is not None):
         return ""
     lines = "".join(f"   {line}\n" for line in dict.fromkeys(map(_line, _questions(prop))))
     return f"/* observes, for the code with the digest {sha256(code.encode()).hexdigest()}:\n{lines}*/\n"

@@ -231,7 +231,7 @@ RVAFT_UNUSED static int same(const rvaft_value *a, const rvaft_value *b) {
 static int compare_bytes(const rvaft_value *a, const rvaft_value *b) {
     uint32_t common = a->size < b->size ? a->size : b->size;
     int order = common == 0 ? 0 : memcmp(a->text, b->text, common);
-    return order != 0 ? order : a->size < b->size ? -1 : a->size > b->size;
+    return order != 0 ? (order < 0 ? -1 : 1) : a->size < b->size ? -1 : a->size > b->size;
 }
 
 static int sign_of_big(const rvaft_value *v) { return v->text != NULL && v->text[0] == '-' ? -1 : 1; }
@@ -1356,5 +1356,37 @@ RVAFT_API int rvaft_step(rvaft_monitor *m, const rvaft_event *e) {
     m->changed = verdict != before;
     return verdict;
 }
+
+#if !RVAFT_KEYED
+
+/* A time in nanoseconds has come, without an event. Returns the verdict or an error as rvaft_step does. */
+RVAFT_API int rvaft_pass_time(rvaft_monitor *m, int64_t time) {
+    m->changed = 0;
+    if (m->error != 0 || m->verdict != RVAFT_UNKNOWN) {
+        return m->error != 0 ? m->error : m->verdict;
+    }
+    if (RVAFT_LATE >= 0 && (!m->has_latest || time > m->latest)) {
+        m->latest = time;
+        m->has_latest = 1;
+    }
+#if RVAFT_WAITS
+    m->changed = is_decided(m, time);
+#endif
+    return decided(m, m->changed ? RVAFT_TRUE : RVAFT_UNKNOWN);
+}
+
+/* The trace has ended, so that no event breaks a match that waits. Returns as rvaft_step does. */
+RVAFT_API int rvaft_finish(rvaft_monitor *m) {
+    m->changed = 0;
+    if (m->error != 0 || m->verdict != RVAFT_UNKNOWN) {
+        return m->error != 0 ? m->error : m->verdict;
+    }
+#if RVAFT_WAITS
+    m->changed = is_whole(m);
+#endif
+    return decided(m, m->changed ? RVAFT_TRUE : RVAFT_UNKNOWN);
+}
+
+#endif
 
 /* @state */

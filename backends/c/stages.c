@@ -8,6 +8,9 @@ typedef struct partial {
     uint32_t key; /* NONE before the first event */
     uint32_t era; /* of the key */
 #endif
+#if RVAFT_ABSENCES
+    uint32_t ended; /* the tick of the event that broke it, or 0 */
+#endif
     cell slot[RVAFT_WIDTH];
 #if RVAFT_PLACES
     uint32_t taken;
@@ -30,10 +33,36 @@ typedef struct store {
     partial item[RVAFT_CAPACITY + 1]; /* the one after the last is being made */
 } store;
 
+#if RVAFT_REMEMBERED
+/* An event that may not come before a part: its values, and its latest time. */
+typedef struct past {
+    uint32_t next;
+    uint32_t number; /* in all_remembered */
+#if RVAFT_KEYED
+    uint32_t key;
+#endif
+    int64_t latest;
+    cell slot[RVAFT_PAST_WIDTH];
+} past;
+#endif
+
 /* @members */
     uint32_t sweep_at;
     uint32_t now; /* the store with the partial matches */
     store stores[RVAFT_STORES];
+#if RVAFT_ABSENCES
+    uint32_t tick;  /* of the event, from 1 */
+    uint32_t ended; /* whether a partial match that was broken is in the store */
+#endif
+#if RVAFT_WAITS
+    int64_t earliest; /* no deadline is earlier */
+#endif
+#if RVAFT_REMEMBERED
+    uint32_t pasts;
+    uint32_t recalled;                 /* the one whose guard is evaluated */
+    uint32_t past_head[RVAFT_BUCKETS]; /* one more than the first, or 0 */
+    past past[RVAFT_PAST];
+#endif
 #if RVAFT_PLACES
     partial match; /* after a detection */
 #endif
@@ -50,6 +79,11 @@ typedef struct stage {
     uint32_t order;   /* in slot_order: 1 if a smaller time is better, else 0, after the exact slots */
     uint32_t expiry;  /* the first in expiries */
     uint32_t expires; /* the number of expiries */
+#if RVAFT_ABSENCES
+    uint32_t breaks; /* after the moves */
+    uint32_t wait;   /* the first in waits */
+    uint32_t waits;
+#endif
 } stage;
 
 typedef struct move {
@@ -61,6 +95,10 @@ typedef struct move {
     uint32_t join;  /* the first in joins */
     uint16_t joins;
     uint16_t link;
+#if RVAFT_REMEMBERED
+    uint32_t recall; /* the first in recalls */
+    uint32_t recalls;
+#endif
 } move;
 
 enum { COPY, FIELD, NOW, LATEST, EARLIEST };
@@ -81,6 +119,43 @@ typedef struct expiry {
     int64_t most;
 } expiry;
 
+#if RVAFT_WAITS
+/* The next stage after a time that exceeds that of a slot by more than `most`. */
+typedef struct wait {
+    uint32_t slot;
+    uint32_t target;
+    uint32_t load;
+    int64_t most;
+} wait;
+
+/* A time and a duration that is not negative; the greatest time stands for what needs more bits. */
+static int64_t extended(int64_t time, int64_t more) { return time > INT64_MAX - more ? INT64_MAX : time + more; }
+
+static int comes_by(const rvaft_event *e, rvaft_value end, int64_t more) {
+    return e->has_time && end.tag == RVAFT_INTEGER && e->time <= extended(end.integer, more);
+}
+#endif
+
+#if RVAFT_REMEMBERED
+/* What must not have come before a move: the values of `load` are the first ones of a remembered event. */
+typedef struct recall {
+    uint32_t number;
+    uint32_t guard;
+    uint32_t load;
+} recall;
+
+typedef struct remembered {
+    uint32_t pattern;
+    uint32_t guard; /* of the event */
+    uint32_t field; /* the first in link_slots */
+    uint16_t fields;
+    uint16_t joined;
+    int64_t most; /* the duration, or -1 */
+} remembered;
+
+#define PAST(n) value_of(m, &m->past[m->recalled < RVAFT_PAST ? m->recalled : 0].slot[n])
+#endif
+
 /* @marks */
 static const stage *stage_of(const partial *p) { return &ROW(stages, p->stage); }
 
@@ -97,6 +172,13 @@ static void mark_texts(rvaft_monitor *m) {
             }
         }
     }
+#if RVAFT_REMEMBERED
+    for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
+        for (k = 0; k < RVAFT_PAST_WIDTH; k++) {
+            mark_text(&m->texts, &m->past[i].slot[k]);
+        }
+    }
+#endif
     for (i = 0; i < RVAFT_FIELDS; i++) {
         if (m->known[i] == 2) {
             mark_text(&m->texts, &m->cells[i]);
@@ -127,6 +209,15 @@ static int is_void(const rvaft_monitor *m, const partial *p) {
 #define KEY_OF(p) NONE
 #define CURRENT_KEY(m) NONE
 #define is_void(m, p) 0
+#endif
+
+#if RVAFT_ABSENCES
+#define IS_BROKEN(p) ((p)->ended != 0)
+/* An event still extends the partial matches that it breaks. */
+#define WAS_BROKEN(m, p) ((p)->ended != 0 && (p)->ended != (m)->tick)
+#else
+#define IS_BROKEN(p) 0
+#define WAS_BROKEN(m, p) 0
 #endif
 
 /* The place of a partial match in a hash table depends on its stage, some of its cells, and its key. */
@@ -212,14 +303,33 @@ static uint32_t copy_places(partial *to, const partial *from) {
 }
 #endif
 
+#if RVAFT_WAITS
+static int64_t deadline(const partial *p, uint32_t number) {
+    const wait *w = &ROW(waits, number);
+    return extended(slot_of(p, w->slot)->bits, w->most);
+}
+
+static void note_deadlines(rvaft_monitor *m, const partial *p) {
+    const stage *st = stage_of(p);
+    uint32_t i;
+    for (i = 0; i < st->waits; i++) {
+        int64_t time = deadline(p, st->wait + i);
+        m->earliest = time < m->earliest ? time : m->earliest;
+    }
+}
+#endif
+
 /* Keep the partial match that has been made, unless another one is at least as good. */
 static void insert_partial(rvaft_monitor *m, store *s) {
     const partial *p = next_partial(s);
     const stage *st = stage_of(p);
     uint32_t i, home = first_place(s, p), at = first_in(s, 0, home);
+#if RVAFT_WAITS
+    note_deadlines(m, p);
+#endif
     for (; at < RVAFT_CAPACITY; at = s->item[at].next[0]) {
         partial *other = &s->item[at];
-        if (other->stage == p->stage && KEY_OF(other) == KEY_OF(p) && !is_void(m, other)) {
+        if (other->stage == p->stage && KEY_OF(other) == KEY_OF(p) && !is_void(m, other) && !IS_BROKEN(other)) {
             int equal = 1, order;
             for (i = 0; equal && i < st->exact; i++) {
                 equal = same_cell(slot_of(p, i), slot_of(other, i));
@@ -261,6 +371,9 @@ static void insert_starts(rvaft_monitor *m, store *s) {
         p->key = NONE;
         p->era = 0;
 #endif
+#if RVAFT_ABSENCES
+        p->ended = 0;
+#endif
 #if RVAFT_PLACES
         p->taken = 0;
 #endif
@@ -268,10 +381,8 @@ static void insert_starts(rvaft_monitor *m, store *s) {
     }
 }
 
-/* Try a move from a partial match; returns 1 if it detects. */
-static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *mv, const rvaft_event *e) {
-    partial *made = next_partial(to);
-    const stage *st = &ROW(stages, mv->target);
+/* Whether an event has the values of a partial match that a move compares, and the guard holds. */
+static int agrees(rvaft_monitor *m, const partial *p, const move *mv, const rvaft_event *e) {
     uint32_t i;
     for (i = 0; i < mv->joins; i++) {
         const join *j = &ROW(joins, mv->join + i);
@@ -280,9 +391,165 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
             return 0;
         }
     }
-    if (mv->guard != 0 && (!guard(m, mv->guard, p->slot, e) || m->error != 0)) {
+    return mv->guard == 0 || (guard(m, mv->guard, p->slot, e) && m->error == 0);
+}
+
+#if RVAFT_REMEMBERED
+static int has_expired(const rvaft_monitor *m, const past *one) {
+    int64_t most = ROW(all_remembered, one->number).most;
+#if RVAFT_KEYED
+    int64_t latest = ROW(m->keys.item, one->key).latest;
+#else
+    int64_t latest = m->latest;
+#endif
+    return RVAFT_LATE >= 0 && most >= 0 && latest > one->latest &&
+           (uint64_t)latest - (uint64_t)one->latest > (uint64_t)most + (uint64_t)RVAFT_LATE;
+}
+
+static uint64_t past_hash(uint32_t number) { return ((uint64_t)number + 1) * UINT64_C(0x9E3779B97F4A7C15); }
+
+static uint32_t *past_bucket(rvaft_monitor *m, uint64_t h, uint32_t key) {
+    h = (h ^ (uint64_t)(key + 1U) << 32) * UINT64_C(0x9E3779B97F4A7C15);
+    return &m->past_head[(uint32_t)(h >> 32 ^ h >> 61) & (RVAFT_BUCKETS - 1)];
+}
+
+/* Remove the remembered events that are too old. */
+static void forget_past(rvaft_monitor *m) {
+    uint32_t i, k, kept = 0;
+    memset(m->past_head, 0, sizeof m->past_head);
+    for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
+        if (!has_expired(m, &m->past[i])) {
+            past moved = m->past[i];
+            uint64_t h = past_hash(moved.number);
+            uint32_t *head, joined = ROW(all_remembered, moved.number).joined;
+            for (k = 0; k < joined && k < RVAFT_PAST_WIDTH; k++) {
+                h = hash_with(h, &moved.slot[k]);
+            }
+#if RVAFT_KEYED
+            head = past_bucket(m, h, moved.key);
+#else
+            head = past_bucket(m, h, NONE);
+#endif
+            moved.next = *head;
+            m->past[kept] = moved;
+            *head = ++kept;
+        }
+    }
+    m->pasts = kept;
+}
+
+/* Remember an event by its values. */
+static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number) {
+    const remembered *r = &ROW(all_remembered, number);
+    uint64_t h = past_hash(number);
+    uint32_t k, at, *head;
+    past made = {0};
+    if ((r->most >= 0 && !e->has_time) || (r->guard != 0 && (!guard(m, r->guard, NULL, e) || m->error != 0))) {
+        return;
+    }
+    if (m->pasts >= RVAFT_PAST) { /* before a text needs room */
+        forget_past(m);
+    }
+    made.number = number;
+    made.latest = e->has_time ? e->time : 0;
+#if RVAFT_KEYED
+    made.key = m->key;
+#endif
+    for (k = 0; k < r->fields && k < RVAFT_PAST_WIDTH; k++) {
+        made.slot[k] = *cell_of(m, e, ROW(link_slots, r->field + k), 1);
+        if (k < r->joined) {
+            if (made.slot[k].tag == RVAFT_UNDEFINED) {
+                return;
+            }
+            h = hash_with(h, &made.slot[k]);
+        }
+    }
+    if (m->error != 0) {
+        return;
+    }
+    head = past_bucket(m, h, CURRENT_KEY(m));
+    for (at = *head; at > 0 && at <= RVAFT_PAST; at = m->past[at - 1].next) {
+        past *other = &m->past[at - 1];
+        int equal = other->number == number;
+#if RVAFT_KEYED
+        equal = equal && other->key == m->key;
+#endif
+        for (k = 0; equal && k < r->fields && k < RVAFT_PAST_WIDTH; k++) {
+            equal = same_cell(&made.slot[k], &other->slot[k]);
+        }
+        if (equal) {
+            other->latest = made.latest > other->latest ? made.latest : other->latest;
+            return;
+        }
+    }
+    at = m->pasts;
+    if (at >= RVAFT_PAST) {
+        m->error = RVAFT_FULL;
+        return;
+    }
+    made.next = *head;
+    m->past[at] = made;
+    m->pasts = at + 1;
+    *head = at + 1;
+}
+
+static void remember(rvaft_monitor *m, const rvaft_event *e, const uint8_t *matches) {
+    uint32_t i;
+    for (i = 0; i < RVAFT_REMEMBERED; i++) {
+        if (matches[ROW(all_remembered, i).pattern] && m->error == 0) {
+            remember_as(m, e, i);
+        }
+    }
+}
+
+/* Whether an event came that may not come before the event of a move. */
+static int has_come(rvaft_monitor *m, const recall *r, const partial *p, const rvaft_event *e) {
+    const remembered *kind = &ROW(all_remembered, r->number);
+    const cell *wanted[RVAFT_PAST_WIDTH] = {NULL};
+    uint64_t h = past_hash(r->number);
+    uint32_t k, at;
+    for (k = 0; k < kind->joined && k < RVAFT_PAST_WIDTH; k++) {
+        const load *l = &ROW(loads, r->load + k);
+        wanted[k] = l->from == FIELD ? cell_of(m, e, l->field, 0) : slot_of(p, l->slot);
+        h = hash_with(h, wanted[k]);
+    }
+    at = *past_bucket(m, h, CURRENT_KEY(m));
+    for (; at > 0 && at <= RVAFT_PAST && m->error == 0; at = m->past[at - 1].next) {
+        const past *one = &m->past[at - 1];
+        int equal = one->number == r->number;
+#if RVAFT_KEYED
+        equal = equal && one->key == m->key;
+#endif
+        for (k = 0; equal && k < kind->joined && k < RVAFT_PAST_WIDTH; k++) {
+            equal = wanted[k] != NULL && same_cell(&one->slot[k], wanted[k]);
+        }
+        if (equal && kind->most >= 0) {
+            equal = one->latest >= e->time || (uint64_t)e->time - (uint64_t)one->latest <= (uint64_t)kind->most;
+        }
+        m->recalled = at - 1;
+        if (equal && (r->guard == 0 || guard(m, r->guard, p->slot, e)) && m->error == 0) {
+            return 1;
+        }
+    }
+    return 0;
+}
+#endif
+
+/* Try a move from a partial match; returns 1 if it detects. */
+static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *mv, const rvaft_event *e) {
+    partial *made = next_partial(to);
+    const stage *st = &ROW(stages, mv->target);
+    uint32_t i;
+    if (!agrees(m, p, mv, e)) {
         return 0;
     }
+#if RVAFT_REMEMBERED
+    for (i = 0; i < mv->recalls; i++) {
+        if (has_come(m, &ROW(recalls, mv->recall + i), p, e) || m->error != 0) {
+            return 0;
+        }
+    }
+#endif
 #if RVAFT_PLACES
     made = st->rank == 0 ? &m->match : made;
     i = copy_places(made, p);
@@ -293,6 +560,9 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
         return m->error == 0;
     }
     made->stage = mv->target;
+#if RVAFT_ABSENCES
+    made->ended = 0;
+#endif
 #if RVAFT_KEYED
     made->key = m->key;
     made->era = ROW(m->keys.item, m->key).era;
@@ -363,7 +633,7 @@ static void sweep(rvaft_monitor *m, store *s) {
             continue;
         }
 #endif
-        if (is_void(m, &s->item[i])) {
+        if (is_void(m, &s->item[i]) || IS_BROKEN(&s->item[i])) {
             continue;
         }
         if (kept < i) {
@@ -382,6 +652,27 @@ static void sweep(rvaft_monitor *m, store *s) {
     s->count = kept;
     m->sweep_at = kept < FEW ? 2 * FEW : kept < RVAFT_CAPACITY / 2 ? 2 * kept : kept + (RVAFT_CAPACITY - kept) / 2;
     m->sweep_at = m->sweep_at < RVAFT_CAPACITY ? m->sweep_at : RVAFT_CAPACITY - RVAFT_CAPACITY / 8;
+#if RVAFT_ABSENCES
+    m->ended = 0;
+#endif
+}
+
+/* The hash of the partial matches that a move concerns, in the table of the move. */
+static uint64_t hash_of_move(rvaft_monitor *m, const move *mv, const rvaft_event *e) {
+    uint32_t slot = ROW(stages, mv->stage).link, k, last;
+    uint64_t h = hash_of(mv->stage, mv->link);
+    for (k = 0; k < mv->link; k++) {
+        slot += 1U + ROW(link_slots, slot);
+    }
+    last = slot + ROW(link_slots, slot);
+    for (; slot < last; slot++) {
+        uint32_t join = mv->join;
+        while (join + 1 < mv->join + mv->joins && ROW(joins, join).slot != ROW(link_slots, slot + 1)) {
+            join++;
+        }
+        h = hash_with(h, cell_of(m, e, ROW(joins, join).field, 0));
+    }
+    return h;
 }
 
 /* Try all moves of a pattern, or of several in the order of ranks, so that no event is used twice. */
@@ -389,14 +680,16 @@ static void sweep(rvaft_monitor *m, store *s) {
 static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count) {
     store *s = &m->stores[0];
     uint32_t cursor[RVAFT_PATTERNS] = {0}, i;
+#if !RVAFT_ABSENCES
     if (s->count > m->sweep_at) {
         sweep(m, s);
     }
+#endif
     for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
         cursor[i] = ROW(pattern_moves, matched[i]);
     }
     for (;;) {
-        uint32_t best = 0, rank = NONE, at, k, key = NONE, slot, last;
+        uint32_t best = 0, rank = NONE, at, key = NONE;
         const move *mv;
         uint64_t h;
         for (i = 0; count > 1 && i < count && i < RVAFT_PATTERNS; i++) {
@@ -415,25 +708,14 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         }
         cursor[best] = at + 1;
         mv = &ROW(moves, sorted_moves[at]);
-        slot = ROW(stages, mv->stage).link;
-        for (k = 0; k < mv->link; k++) {
-            slot += 1U + ROW(link_slots, slot);
-        }
-        h = hash_of(mv->stage, mv->link);
-        last = slot + ROW(link_slots, slot);
-        for (; slot < last; slot++) {
-            uint32_t join = mv->join;
-            while (join + 1 < mv->join + mv->joins && ROW(joins, join).slot != ROW(link_slots, slot + 1)) {
-                join++;
-            }
-            h = hash_with(h, cell_of(m, e, ROW(joins, join).field, 0));
-        }
+        h = hash_of_move(m, mv, e);
         for (;;) { /* those without an event, and those of the key */
             at = first_in(s, mv->link, bucket_of(s, h, key));
             while (at < RVAFT_CAPACITY && m->error == 0) {
                 const partial *p = &s->item[at];
                 at = ROW(p->next, mv->link);
-                if (p->stage == mv->stage && KEY_OF(p) == key && !is_void(m, p) && try_move(m, s, p, mv, e)) {
+                if (p->stage == mv->stage && KEY_OF(p) == key && !is_void(m, p) && !WAS_BROKEN(m, p) &&
+                    try_move(m, s, p, mv, e)) {
                     return 1;
                 }
             }
@@ -459,6 +741,9 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
     for (i = 0; i < from->count && i < RVAFT_CAPACITY; i++) {
         const partial *p = &from->item[i];
         const stage *st = stage_of(p);
+        if (WAS_BROKEN(m, p)) {
+            continue;
+        }
         for (k = 0; k < st->moves; k++) {
             const move *mv = &ROW(moves, st->move + k);
             if (matches[mv->pattern]) {
@@ -471,8 +756,181 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
             }
         }
     }
+#if RVAFT_WAITS
+    for (i = 0; i < from->count && i < RVAFT_CAPACITY && m->error == 0; i++) { /* matches wait on */
+        const partial *p = &from->item[i];
+        if (stage_of(p)->moves == 0 && stage_of(p)->waits != 0 && !IS_BROKEN(p)) {
+            partial waiting = *p;
+            *next_partial(to) = waiting;
+            insert_partial(m, to);
+        }
+    }
+#endif
     m->now = 1 - m->now;
     return 0;
+}
+
+#endif
+
+#if RVAFT_ABSENCES
+/* Keep only the partial matches that are not broken, and none twice. */
+static void rebuild(rvaft_monitor *m, store *s) {
+    uint32_t i, count = s->count;
+    clear_store(s);
+    for (i = 0; i < count && i < RVAFT_CAPACITY; i++) {
+        if (!is_void(m, &s->item[i]) && !IS_BROKEN(&s->item[i])) {
+            partial moved = s->item[i];
+            *next_partial(s) = moved;
+            insert_partial(m, s);
+        }
+    }
+    m->ended = 0;
+}
+
+/* Note which partial matches an event breaks. */
+static void break_open(rvaft_monitor *m, store *s, const rvaft_event *e, const uint8_t *matches) {
+    uint32_t at;
+#if RVAFT_SCATTERED
+    uint32_t i, pattern;
+    for (pattern = 0; pattern < RVAFT_PATTERNS; pattern++) {
+        for (i = ROW(pattern_breaks, pattern); matches[pattern] && i < ROW(pattern_breaks, pattern + 1); i++) {
+            const move *mv = &ROW(moves, ROW(sorted_breaks, i));
+            at = first_in(s, mv->link, bucket_of(s, hash_of_move(m, mv, e), CURRENT_KEY(m)));
+            while (at < RVAFT_CAPACITY && m->error == 0) {
+                partial *p = &s->item[at];
+                at = ROW(p->next, mv->link);
+                if (p->stage == mv->stage && KEY_OF(p) == CURRENT_KEY(m) && !is_void(m, p) && !IS_BROKEN(p) &&
+                    agrees(m, p, mv, e)) {
+                    p->ended = m->tick;
+                    m->ended = 1;
+                }
+            }
+        }
+    }
+#else
+    for (at = 0; at < s->count && at < RVAFT_CAPACITY && m->error == 0; at++) {
+        partial *p = &s->item[at];
+        const stage *st = stage_of(p);
+        uint32_t k;
+        for (k = st->moves; k < st->moves + st->breaks && !IS_BROKEN(p); k++) {
+            const move *mv = &ROW(moves, st->move + k);
+            if (matches[mv->pattern] && agrees(m, p, mv, e)) {
+                p->ended = m->tick;
+                m->ended = 1;
+            }
+        }
+    }
+#endif
+}
+
+#if RVAFT_WAITS
+/* Decide the clauses whose deadline is before a time; returns 1 if a match is then complete. */
+static int decide(rvaft_monitor *m, store *s, int64_t time) {
+    uint32_t i, k, w;
+    int moved = 0;
+    if (time <= m->earliest) {
+        return 0;
+    }
+    m->earliest = INT64_MAX;
+    for (i = 0; i < s->count && i < RVAFT_CAPACITY; i++) {
+        partial *p = &s->item[i];
+        for (w = 0; !IS_BROKEN(p) && w < stage_of(p)->waits;) {
+            const uint32_t number = stage_of(p)->wait + w;
+            const wait *one = &ROW(waits, number);
+            partial old;
+            if (time <= deadline(p, number)) {
+                w++;
+                continue;
+            }
+            if (ROW(stages, one->target).rank == 0) {
+#if RVAFT_PLACES
+                m->match.taken = copy_places(&m->match, p);
+#endif
+                return 1;
+            }
+            old = *p;
+            p->stage = one->target;
+            for (k = 0; k < stage_of(p)->slots && k < RVAFT_WIDTH; k++) {
+                p->slot[k] = *slot_of(&old, ROW(loads, one->load + k).slot);
+            }
+            moved = 1;
+            w = 0;
+        }
+        if (!IS_BROKEN(p)) {
+            note_deadlines(m, p);
+        }
+    }
+    if (moved) {
+        rebuild(m, s);
+    }
+    return 0;
+}
+#endif
+
+/* The verdict after an event: it decides clauses, breaks partial matches, and extends those before it. */
+/*@ assigns *m; */
+static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
+    uint8_t matches[RVAFT_PATTERNS] = {0};
+    int verdict = RVAFT_UNKNOWN;
+    store *s = &ROW(m->stores, m->now);
+#if RVAFT_SCATTERED
+    uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0, i;
+    if (s->count > m->sweep_at || (m->ended && s->count > RVAFT_CAPACITY - RVAFT_CAPACITY / 4)) {
+        sweep(m, s);
+    }
+#endif
+    m->tick++;
+    if (m->tick == 0) {
+        rebuild(m, s);
+        m->tick = 1;
+    }
+    if (!late) {
+        match(matches, e);
+    }
+#if RVAFT_WAITS
+    if (e->has_time && decide(m, s, e->time)) {
+        verdict = RVAFT_TRUE;
+    }
+#endif
+    if (verdict == RVAFT_UNKNOWN && !late) {
+        break_open(m, s, e, matches);
+    }
+#if RVAFT_SCATTERED
+    for (i = 0; i < RVAFT_PATTERNS; i++) {
+        if (matches[i]) {
+            matched[count++] = i;
+        }
+    }
+    if (verdict == RVAFT_UNKNOWN && m->error == 0 && count != 0 && scattered(m, e, matched, count)) {
+        verdict = RVAFT_TRUE;
+    }
+#else
+#if RVAFT_PROJECTS
+    if (late || !relevant(&m->error, e)) {
+        if (m->ended) {
+            rebuild(m, s);
+        }
+    } else
+#endif
+    if (verdict == RVAFT_UNKNOWN && m->error == 0 && replaced(m, e, matches)) {
+        verdict = RVAFT_TRUE;
+    }
+#if RVAFT_CONSECUTIVE
+    if (verdict == RVAFT_UNKNOWN && m->error == 0) {
+        insert_starts(m, &ROW(m->stores, m->now));
+    }
+#else
+    if (verdict == RVAFT_UNKNOWN && ROW(m->stores, m->now).count == 0) {
+        verdict = RVAFT_FALSE;
+    }
+#endif
+#endif
+#if RVAFT_REMEMBERED
+    if (!late && m->error == 0) {
+        remember(m, e, matches);
+    }
+#endif
+    return verdict;
 }
 
 #endif
@@ -481,6 +939,12 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
 static void begin(rvaft_monitor *m) {
     m->sweep_at = RVAFT_CAPACITY < 2 * FEW ? RVAFT_CAPACITY - RVAFT_CAPACITY / 8 : 2 * FEW;
     m->now = 0;
+#if RVAFT_ABSENCES
+    m->ended = 0;
+#endif
+#if RVAFT_WAITS
+    m->earliest = INT64_MAX;
+#endif
     clear_store(&m->stores[0]);
     insert_starts(m, &m->stores[0]);
 }
@@ -494,7 +958,9 @@ static void begin(rvaft_monitor *m) {
         assigns \nothing;
         ensures \result == \old(outcome(m)); */
 static int step(rvaft_monitor *m, const rvaft_event *e) {
+#if !RVAFT_ABSENCES
     uint8_t matches[RVAFT_PATTERNS];
+#endif
     int late, verdict = RVAFT_UNKNOWN;
     uint32_t i;
     if (m->error != 0) {
@@ -514,6 +980,9 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
         m->known[i] = 0;
     }
     late = is_late(m, e);
+#if RVAFT_ABSENCES
+    verdict = follow(m, e, late);
+#else
 #if RVAFT_PROJECTS
     if (late || !relevant(&m->error, e)) {
         return decided(m, RVAFT_UNKNOWN);
@@ -559,10 +1028,49 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
     }
 #endif
 #endif
+#endif
     return decided(m, verdict);
 }
 
+#if RVAFT_WAITS
+/* Whether a match is complete at the end of the trace. */
+static int is_whole(rvaft_monitor *m) {
+    const store *s = &ROW(m->stores, m->now);
+    uint32_t i;
+    for (i = 0; i < s->count && i < RVAFT_CAPACITY; i++) {
+        const partial *p = &s->item[i];
+        if (stage_of(p)->moves == 0 && stage_of(p)->waits != 0 && !IS_BROKEN(p)) {
+#if RVAFT_PLACES
+            m->match.taken = copy_places(&m->match, p);
+#endif
+            return 1;
+        }
+    }
+    return 0;
+}
+
+/* Whether a match is complete after a time. */
+static int is_decided(rvaft_monitor *m, int64_t time) { return decide(m, &ROW(m->stores, m->now), time); }
+#endif
+
 /* @state */
+static uint32_t size_of_cell(const rvaft_monitor *m, const cell *c) {
+    return c->tag >= RVAFT_BIG ? 8U + m->texts.size[c->bits] : 12U;
+}
+
+/* Write a cell as bytes; returns their number. */
+static uint32_t write_cell(const rvaft_monitor *m, const cell *c, char *to) {
+    memcpy(to, &c->tag, 4);
+    if (c->tag >= RVAFT_BIG) {
+        uint32_t length = m->texts.size[c->bits];
+        memcpy(to + 4, &length, 4);
+        memcpy(to + 8, m->texts.bytes + m->texts.start[c->bits], length);
+        return 8 + length;
+    }
+    memcpy(to + 4, &c->bits, 8);
+    return 12;
+}
+
 /* The state as bytes: equal states have equal futures. Returns their number; writes at most `size`
    of them (at least 12). The greatest time and each partial match are a record: its size, its bytes. */
 RVAFT_API size_t rvaft_state(const rvaft_monitor *m, char *to, size_t size) {
@@ -575,28 +1083,42 @@ RVAFT_API size_t rvaft_state(const rvaft_monitor *m, char *to, size_t size) {
         memcpy(to + 4, &m->latest, sizeof m->latest);
         used = 12;
     }
+#if RVAFT_REMEMBERED
+    for (i = 0; i < m->pasts; i++) {
+        const past *one = &m->past[i];
+        uint32_t values = ROW(all_remembered, one->number).fields, record = 13;
+        for (k = 0; k < values; k++) {
+            record += size_of_cell(m, &one->slot[k]);
+        }
+        if (used + sizeof record + record <= size) {
+            memcpy(to + used, &record, sizeof record);
+            to[used + 4] = 'p';
+            memcpy(to + used + 5, &one->number, 4);
+            memcpy(to + used + 9, &one->latest, 8);
+            used += 17;
+            for (k = 0; k < values; k++) {
+                used += write_cell(m, &one->slot[k], to + used);
+            }
+        } else {
+            used += sizeof record + record;
+        }
+    }
+#endif
     for (i = 0; i < s->count; i++) {
         const partial *p = &s->item[i];
         uint32_t record = (uint32_t)sizeof p->stage;
+        if (IS_BROKEN(p)) {
+            continue;
+        }
         for (k = 0; k < stage_of(p)->slots; k++) {
-            record += p->slot[k].tag >= RVAFT_BIG ? 8U + m->texts.size[p->slot[k].bits] : 12U;
+            record += size_of_cell(m, &p->slot[k]);
         }
         if (used + sizeof record + record <= size) {
             memcpy(to + used, &record, sizeof record);
             memcpy(to + used + 4, &p->stage, 4);
             used += 8;
             for (k = 0; k < stage_of(p)->slots; k++) {
-                const cell *c = &p->slot[k];
-                memcpy(to + used, &c->tag, 4);
-                if (c->tag >= RVAFT_BIG) {
-                    uint32_t length = m->texts.size[c->bits];
-                    memcpy(to + used + 4, &length, 4);
-                    memcpy(to + used + 8, m->texts.bytes + m->texts.start[c->bits], length);
-                    used += 8 + length;
-                } else {
-                    memcpy(to + used + 4, &c->bits, 8);
-                    used += 12;
-                }
+                used += write_cell(m, &p->slot[k], to + used);
             }
         } else {
             used += sizeof record + record;

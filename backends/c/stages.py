@@ -3,20 +3,25 @@
 A stage has what remains of a scenario after a downward-closed set of its events, and the values on
 which the remainder depends: variables, and running extremes of times. Equal remainders of all
 scenarios are one stage, so stages are built from the detection backwards. A *move* takes one more
-event.
+event. A *break* ends a partial match by an event that must be absent, and a *wait* ends by a time,
+from which on no event breaks the clause `for D after` of a part.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
+from itertools import chain
 from typing import Final, NamedTuple
 
-from rvaft.core.property import Property
+from rvaft.core.patterns import compatible
+from rvaft.core.property import Event, Part, Property, Without
 from rvaft.core.scenarios import Ready, Scenario, scenarios
 from rvaft.core.times import Extreme, TimeDifference, differences
-from rvaft.errors import TooLarge
+from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, conjuncts, variables
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import Pattern, Variable, rigid_variables
 from rvaft.model.verdict import Semantics
+from rvaft.support.bits import bits
 
 _LARGE: Final = 1 << 62
 
@@ -35,12 +40,13 @@ class Slot(NamedTuple):
 class Load(NamedTuple):
     """The source of a slot after a move: a slot, the event's time, or a variable of the event.
 
-    With both a slot and `now`, the value is the extreme of both.
+    With both a slot and `now`, the value is the extreme of both. `past` is a slot of a remembered event.
     """
 
     slot: int | None = None
     now: bool = False
     variable: str = ""
+    past: int | None = None
 
 
 class Test(NamedTuple):
@@ -50,13 +56,62 @@ class Test(NamedTuple):
     loads: tuple[tuple[Slot, Load], ...]
 
 
+class Remembered(NamedTuple):
+    """The events that may not come before a part.
+
+    They are remembered by the values of `names`, of which the first `joined` must equal those of a match.
+    `guard` is decided by the event. With a duration, the latest time is remembered.
+    """
+
+    pattern: Pattern
+    names: tuple[str, ...]
+    joined: int
+    guard: Guard | None
+    duration: int | None
+
+
+class Recall(NamedTuple):
+    """A move is made only if no remembered event has the values of `loads`, and fits the test."""
+
+    remembered: Remembered
+    loads: tuple[tuple[Slot, Load], ...]
+    test: Test | None
+
+
 @dataclass(frozen=True, slots=True)
 class Transition:
-    """One more event: its pattern, slots that its variables must equal, tests, and the next stage."""
+    """One more event: its pattern, slots that its variables must equal, tests, and the next stage.
+
+    The values of `defined` must be defined, and those of `recalls` must not have come.
+    """
 
     pattern: Pattern
     joins: tuple[tuple[int, str], ...]
     tests: tuple[Test, ...]
+    loads: tuple[tuple[Slot, Load], ...]
+    target: int
+    defined: tuple[tuple[Slot, Load], ...] = ()
+    recalls: tuple[Recall, ...] = ()
+
+
+class Break(NamedTuple):
+    """An event that ends a partial match: its pattern, joins and test.
+
+    With `end`, its time is at most that of this slot and the duration.
+    """
+
+    pattern: Pattern
+    joins: tuple[tuple[int, str], ...]
+    test: Test | None
+    end: int | None = None
+    duration: int = 0
+
+
+class Wait(NamedTuple):
+    """The next stage after a time that exceeds that of a slot by more than `most`."""
+
+    slot: int
+    most: int
     loads: tuple[tuple[Slot, Load], ...]
     target: int
 
@@ -82,6 +137,8 @@ class TableStage:
     expiries: tuple[Expiry, ...]
     moves: tuple[Transition, ...]
     rank: int
+    breaks: tuple[Break, ...] = ()
+    waits: tuple[Wait, ...] = ()
 
 
 DETECTED: Final = TableStage((), 0, (), (), (), 0)
@@ -108,16 +165,22 @@ def stages_of(prop: Property, semantics: Semantics, limit: int) -> StageTable:
     known = [DETECTED]
     starts: dict[int, None] = {}
     left = limit
-    for scenario in scenarios(prop, minimal=semantics is Semantics.SCATTERED, limit=limit):
-        rows = _Rows(scenario, semantics)
-        found: dict[int, int] = {}
+    late = 0 if prop.time is None else prop.time.late
+    # one more event may mend what an absent event breaks
+    minimal = semantics is Semantics.SCATTERED and not prop.absences
+    for scenario in scenarios(prop, minimal=minimal, limit=limit):
+        rows = _Rows(scenario, semantics, late)
+        found: dict[tuple[int, int], int] = {}
         for done in _downward_closed(scenario, left, limit):
-            left -= 1
-            stage = rows.stage(done, found, known)
-            number = found[done] = numbers.setdefault(stage, len(numbers))
-            if number == len(known):
-                known.append(stage)
-        starts[found[0]] = None
+            for decided in rows.decided(done):
+                left -= 1
+                if left < 0:
+                    raise TooLarge("sets of events of the scenarios", limit=limit)
+                stage = rows.stage(done, decided, found, known)
+                number = found[done, decided] = numbers.setdefault(stage, len(numbers))
+                if number == len(known):
+                    known.append(stage)
+        starts[found[0, 0]] = None
     return StageTable(tuple(known), tuple(starts))
 
 
@@ -144,10 +207,38 @@ class _Decided(NamedTuple):
     bounds: tuple[TimeDifference, ...] | None
 
 
+class _Clause(NamedTuple):
+    """An absent event with the events of its part as bits; `end` is the end of the part."""
+
+    part: Without
+    events: int
+    end: Slot
+
+    def is_settled(self, done: int, *, is_decided: bool) -> bool:
+        """Whether no later event concerns it."""
+        match self.part.side:
+            case Side.DURING:
+                return not self.events & ~done
+            case Side.AFTER:
+                return is_decided
+            case Side.BEFORE:
+                return bool(self.events & done)
+
+    def is_open(self, done: int, *, is_decided: bool) -> bool:
+        """Whether the next event may break it."""
+        match self.part.side:
+            case Side.DURING:
+                return bool(self.events & done and self.events & ~done)
+            case Side.AFTER:
+                return not (self.events & ~done or is_decided)
+            case Side.BEFORE:
+                return False
+
+
 class _Rows:
     """The stages of one scenario."""
 
-    def __init__(self, scenario: Scenario, semantics: Semantics) -> None:
+    def __init__(self, scenario: Scenario, semantics: Semantics, late: int | None) -> None:
         self._scenario = scenario
         self._ready = Ready(scenario.before)
         self._ordered = semantics is Semantics.SCATTERED
@@ -163,6 +254,25 @@ class _Rows:
                 self._binds[name] = self._binds.get(name, 0) | 1 << number
         names = dict.fromkeys(name for event in scenario.events for name in rigid_variables(event.pattern))
         self._shared = [(name, found) for name in names if (found := self._binds[name]).bit_count() > 1]
+        self._late = late
+        self._clauses = _clauses(scenario)
+        for clause in self._clauses:
+            _require_written(clause, late, lasting=self._lasting)
+
+    def decided(self, done: int) -> list[int]:
+        """Return the sets of clauses that may be decided after these events as bits, larger ones first."""
+        whole = [
+            1 << n for n, one in enumerate(self._clauses) if one.part.side is Side.AFTER and not one.events & ~done
+        ]
+        found = [0]
+        for clause in whole:
+            found += [one | clause for one in found]
+        return sorted(found, key=int.bit_count, reverse=True)
+
+    def _unsettled(self, done: int, decided: int) -> list[_Clause]:
+        return [
+            one for n, one in enumerate(self._clauses) if not one.is_settled(done, is_decided=bool(decided >> n & 1))
+        ]
 
     def _known(self, slot: Slot, done: int) -> bool:
         return all(self._binds[name] & done for name in slot.names)
@@ -173,21 +283,25 @@ class _Rows:
     def _pending(self, done: int) -> list[_Decided]:
         return [one for one in self._guards if not all(self._known(slot, done) for slot in one.slots)]
 
-    def _live(self, done: int) -> tuple[tuple[Slot, ...], int, tuple[bool, ...]]:
+    def _live(self, done: int, decided: int) -> tuple[tuple[Slot, ...], int, tuple[bool, ...]]:
         """Return the slots, the number of exact ones, and the directions of the others."""
-        pending = self._pending(done)
+        pending, unsettled = self._pending(done), self._unsettled(done, decided)
+        ends = {one.end for one in unsettled if one.part.side is Side.AFTER and self._some(one.end, done)}
         found = {slot: None for one in pending for slot in one.slots if self._some(slot, done)}
         found.update((Slot((name,)), None) for name, events in self._shared if events & done and events & ~done)
-        smaller = {slot: wanted for slot in found if (wanted := self._direction(slot, pending)) is not None}
+        shared = (name for one in unsettled for name in one.part.shared)
+        found.update((Slot((name,)), None) for name in shared if self._binds[name] & done)
+        found.update((slot, None) for slot in sorted(ends, key=str))
+        smaller = {slot: wanted for slot in found if (wanted := self._direction(slot, pending, ends)) is not None}
         exact = sorted((slot for slot in found if slot not in smaller), key=str)
         others = sorted(smaller, key=str)
         return (*exact, *others), len(exact), tuple(smaller[slot] for slot in others)
 
-    def _direction(self, slot: Slot, pending: Sequence[_Decided]) -> bool | None:
+    def _direction(self, slot: Slot, pending: Sequence[_Decided], ends: Set[Slot]) -> bool | None:
         """Return whether smaller values of a slot are better; None if neither is."""
         if not (self._ordered and slot.timed):
             return None
-        found = set[bool]()
+        found = {True} if slot in ends else set[bool]()  # of two, the earlier deadline is decided first
         for one in pending:
             if slot in one.slots:
                 if one.bounds is None:
@@ -198,12 +312,15 @@ class _Rows:
                     )
         return found.pop() if len(found) == 1 else None
 
-    def stage(self, done: int, found: dict[int, int], known: Sequence[TableStage]) -> TableStage:
+    def stage(
+        self, done: int, decided: int, found: Mapping[tuple[int, int], int], known: Sequence[TableStage]
+    ) -> TableStage:
         """Return the stage after these events; `found` has the stages of larger sets."""
         following = self._ready.after(done)
-        if not following:
+        every = sum(1 << n for n, one in enumerate(self._clauses) if one.part.side is Side.AFTER)
+        if not following and decided == every:
             return DETECTED
-        slots, exact, smaller = self._live(done)
+        slots, exact, smaller = self._live(done, decided)
         place = {slot: number for number, slot in enumerate(slots)}
         expiries = tuple(
             Expiry(place[slot], bound.most)
@@ -215,12 +332,25 @@ class _Rows:
             and not self._known(_slot(bound.plus), done)
             and (bound.plus.operator is Operator.MAX or not self._some(_slot(bound.plus), done))
         )
-        moves = dict.fromkeys(self._move(done, number, place, found[done | 1 << number]) for number in following)
+        moves = dict.fromkeys(
+            self._move(done, decided, number, place, found[done | 1 << number, decided]) for number in following
+        )
+        breaks, waits = list[Break](), list[Wait]()
+        for n, clause in enumerate(self._clauses):
+            if clause.is_open(done, is_decided=bool(decided >> n & 1)):
+                breaks.append(_break(clause, place))
+                if clause.part.side is Side.AFTER:
+                    target = found[done, decided | 1 << n]
+                    live = self._live(done, decided | 1 << n)[0] if target else ()
+                    loads = tuple((slot, Load(place[slot])) for slot in live)
+                    waits.append(Wait(place[clause.end], _duration(clause) + (self._late or 0), loads, target))
+        targets = chain((move.target for move in moves), (wait.target for wait in waits))
+        rank = 1 + max(known[target].rank for target in targets)
         return TableStage(
-            slots, exact, smaller, expiries, tuple(moves), 1 + max(known[move.target].rank for move in moves)
+            slots, exact, smaller, expiries, tuple(moves), rank, tuple(dict.fromkeys(breaks)), tuple(waits)
         )
 
-    def _move(self, done: int, number: int, place: dict[Slot, int], target: int) -> Transition:
+    def _move(self, done: int, decided: int, number: int, place: Mapping[Slot, int], target: int) -> Transition:
         event, after = self._scenario.events[number], done | 1 << number
         joins = tuple(
             (place[Slot((name,))], name) for name in rigid_variables(event.pattern) if self._binds[name] & done
@@ -230,7 +360,7 @@ class _Rows:
         if self._lasting:  # a window that is exceeded already
             here = TimePoint.of("at", *event.source).name
             tests += [one for one in pending if self._exceeded(one, after, here)]
-        slots = self._live(after)[0] if target else ()
+        slots = self._live(after, decided)[0] if target else ()
 
         def load(slot: Slot) -> tuple[Slot, Load]:
             old = place[slot] if self._some(slot, done) else None
@@ -239,7 +369,49 @@ class _Rows:
             return slot, Load(old, any(self._binds[name] == 1 << number for name in slot.names))
 
         made = tuple(Test(one.guard, tuple(map(load, one.slots))) for one in tests)
-        return Transition(event.pattern, joins, made, tuple(map(load, slots)), target)
+        own = [one for one in self._clauses if one.events >> number & 1]
+        defined = dict.fromkeys(self._defined(own, after, load))
+        recalls = tuple(
+            self._recall(one, done, load) for one in own if one.part.side is Side.BEFORE and not one.events & done
+        )
+        return Transition(event.pattern, joins, made, tuple(map(load, slots)), target, tuple(defined), recalls)
+
+    def _defined(
+        self, own: Sequence[_Clause], after: int, load: Callable[[Slot], tuple[Slot, Load]]
+    ) -> Iterator[tuple[Slot, Load]]:
+        """Iterate over the times that clauses with a duration need; without a false verdict, at once."""
+        for clause in own:
+            if clause.part.duration is None:
+                continue
+            if self._lasting or clause.part.side is Side.BEFORE:
+                yield clause.end._replace(operator=None), Load(now=True)
+            elif not clause.events & ~after:
+                yield load(clause.end)
+
+    def _recall(self, clause: _Clause, done: int, load: Callable[[Slot], tuple[Slot, Load]]) -> Recall:
+        part = clause.part
+        for event in bits(done):
+            if compatible(self._scenario.events[event].pattern, part.pattern):
+                raise NotExpressible(
+                    unwritten("`without … before` where an earlier event of a match may be the absent one"),
+                    nodes=_node(part),
+                )
+        own = rigid_variables(part.pattern)
+        joined = tuple(name for name in part.shared if name in own)
+        alone = part.guard is None or set(variables(part.guard)) <= set(own)
+        others = () if alone else tuple(name for name in own if name in variables(part.guard) and name not in joined)
+        names = (*joined, *others)
+        kept = Remembered(part.pattern, names, len(joined), part.guard if alone else None, part.duration)
+        test = None
+        if part.guard is not None and not alone:
+            test = Test(
+                part.guard,
+                tuple(
+                    (Slot((name,)), Load(past=names.index(name))) if name in names else load(Slot((name,)))
+                    for name in variables(part.guard)
+                ),
+            )
+        return Recall(kept, tuple(load(Slot((name,))) for name in joined), test)
 
     def _exceeded(self, one: _Decided, done: int, here: str) -> bool:
         """Whether a pending bound can fail already: a maximum only grows, and a minimum only falls."""
@@ -249,6 +421,68 @@ class _Rows:
         if plus.operator is not Operator.MAX or minus.operator is not Operator.MIN:
             return False
         return self._some(_slot(plus), done) and self._some(_slot(minus), done)
+
+
+def _clauses(scenario: Scenario) -> list[_Clause]:
+    """Return the absent events of a scenario."""
+    place = {event: number for number, event in enumerate(scenario.events)}
+    inside: dict[Part, int] = {}
+    for part in reversed(list(scenario.kept)):
+        if isinstance(part, Event):
+            inside[part] = 1 << place[part]
+        else:
+            inside[part] = 0
+            for inner in scenario.kept[part]:
+                inside[part] |= inside[inner]
+    made = []
+    for part in scenario.kept:
+        if isinstance(part, Without):
+            names = tuple(TimePoint.of("at", *scenario.events[event].source).name for event in bits(inside[part]))
+            end = Slot(names, Operator.MAX if len(names) > 1 else None, timed=True)
+            if part.side is not Side.DURING or len(names) > 1:
+                made.append(_Clause(part, inside[part], end))
+    return made
+
+
+def _require_written(clause: _Clause, late: int | None, *, lasting: bool) -> None:
+    part = clause.part
+    if (part.duration or 0) >= _LARGE:
+        raise NotExpressible(unwritten("a duration of more than 62 bits"), nodes=_node(part))
+    if part.side is Side.BEFORE and part.duration is not None and len(clause.end.names) > 1:
+        if late != 0:
+            raise NotExpressible(
+                unwritten("`without … for D before` at several events whose times may decrease; `late 0 s` forbids it"),
+                nodes=_node(part),
+            )
+        if not lasting:
+            raise NotExpressible(
+                unwritten("`without … for D before` at several events needs `scattered` or `consecutive`"),
+                nodes=_node(part),
+            )
+
+
+def _node(part: Without) -> tuple[str, ...]:
+    return () if part.source is None else (part.source.node,)
+
+
+def _duration(clause: _Clause) -> int:
+    return clause.part.duration or 0
+
+
+def _break(clause: _Clause, place: Mapping[Slot, int]) -> Break:
+    part = clause.part
+    own = rigid_variables(part.pattern)
+    joins = tuple((place[Slot((name,))], name) for name in part.shared if name in own)
+    test = None
+    if part.guard is not None:
+        loads = (
+            (slot := Slot((name,)), Load(variable=name) if name in own else Load(place[slot]))
+            for name in variables(part.guard)
+        )
+        test = Test(part.guard, tuple(loads))
+    if part.side is not Side.AFTER:
+        return Break(part.pattern, joins, test)
+    return Break(part.pattern, joins, test, place[clause.end], _duration(clause))
 
 
 def _slot(extreme: Extreme) -> Slot:

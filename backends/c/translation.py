@@ -11,6 +11,7 @@ from rvaft.core.passes import Pass, decide_constants, expand_times, order_ends, 
 from rvaft.core.property import Property
 from rvaft.engine.units import units
 from rvaft.errors import NotExpressible, unwritten
+from rvaft.model.nodes import Side
 from rvaft.model.verdict import Semantics
 
 __all__ = ["EventTests", "KeyField", "translation"]
@@ -33,6 +34,8 @@ def translation(
         raise NotExpressible(unwritten("a key of the events needs `scattered`"))
     if semantics is Semantics.SCATTERED and (apart := _unit_tables(prop, limit)) is not None:
         return UnitWriter(prop, apart, key, counted).written()
+    if key and any(part.side is Side.AFTER for part in prop.absences):
+        raise NotExpressible(unwritten("a key of the events beside `without … for D after`, which all keys decide"))
     for each in _PASSES:
         prop = each(prop)
     prop = decide_constants(prop)

@@ -130,6 +130,7 @@ class UnitWriter(Writer):
         room = min(needed, _ROOM * self._share) if self._capacity else needed
         return {
             "WINDOWS": int(found.timed),
+            "WAITS": 0,
             "EXPIRIES": int(self._expiring),
             "RINGED": int(any(kind.rings for kind in found.kinds)),
             "LEVELS": found.levels,

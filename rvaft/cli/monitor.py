@@ -410,6 +410,7 @@ def _with_foxglove(
 
 def _native_run(part: RVAFT, semantics: Semantics, given: Mapping[str, Any]) -> "NativeRun | None":
     """Return the run in which a compiled monitor replaces the engine, or None if that has few partial matches."""
+    options.refuse(part.absences, "--native does not say which events were absent: omit --native")
     if semantics is not Semantics.SCATTERED or not Engine(part, semantics).joins:
         return None
     from rvaft.cli.native_run import NativeRun  # noqa: PLC0415 -- imported on use

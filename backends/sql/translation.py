@@ -8,6 +8,9 @@ Under `scattered` the query returns every match, unless only order relates the e
 many counted events. It then finds the least position of each event after its predecessors, per
 value of shared variables and start of a window. Only events that a guard compares or that match
 each other's node are tried individually.
+
+An absent event is a NOT EXISTS over all events. A scenario with `without … after` is detected at the
+first later event whose time decides the last of these clauses.
 """
 
 import json
@@ -17,7 +20,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Final
+from typing import Final, assert_never
 
 from backends.joins import JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
@@ -25,11 +28,13 @@ from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
 from backends.tables import Table, time_line
 from rvaft.backend import Metrics
-from rvaft.core.property import Event, Property
+from rvaft.core.patterns import compatible
+from rvaft.core.property import Event, Property, Without
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, Operation, Operator, variables
+from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import (
     Anything,
     ListPattern,
@@ -124,9 +129,13 @@ class SqlQuery:
         """The number of tables by the letters of their names."""
         self.late = None if prop.time is None else prop.time.late
         self.timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
+        self.timed |= any(clause.duration is not None for clause in prop.absences)
+        time = prop.tree.time
+        self.lateness = None if time is None else time.late
+        """The D of `late`, or of the assumption that no event is late."""
         self.scenarios = (
             joined_scenarios(QueriedScenario, prop, limit, most=TABLES, minimal=True)
-            if semantics is Semantics.SCATTERED
+            if semantics is Semantics.SCATTERED and not prop.absences
             else ()
         )
         several = any(len(one.before) > 1 for one in self.scenarios)
@@ -144,7 +153,10 @@ class SqlQuery:
         self.variables = [
             *dict.fromkeys(name for one in self.scenarios for name in one.binders if name not in one.times)
         ]
-        self._columns = {name: f"v{number}" for number, name in enumerate(self.variables, 1)}
+        own = sorted({name for clause in prop.absences for name in clause.own if not name.startswith("_")})
+        self._bound = [*dict.fromkeys((*self.variables, *own))]
+        """The variables, and those that only absent events have."""
+        self._columns = {name: f"v{number}" for number, name in enumerate(self._bound, 1)}
 
     def text(self) -> tuple[str, Metrics]:
         """Return the text and its metrics."""
@@ -163,8 +175,8 @@ class SqlQuery:
     @cached_property
     def _names(self) -> list[str]:
         """The names of the columns of variables in a query on typed columns."""
-        small = Counter([*(name.lower() for name in self.variables), *OWN])
-        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(self.variables, 1)]
+        small = Counter([*(name.lower() for name in self._bound), *OWN])
+        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(self._bound, 1)]
 
     def _named(self, text: str) -> str:
         """Return the text with the names of variables for their columns."""
@@ -181,10 +193,10 @@ class SqlQuery:
             if all(one.loose for one in self.scenarios) or not self.first
             else ", for all that ties its events together"
         )
-        shown = zip(self.variables, self._names, strict=True) if self.typed else ()
+        shown = zip(self._bound, self._names, strict=True) if self.typed else ()
         columns = [f"{column} {name}" for name, column in shown if name != column]
         if "_key" in text or "_json" in text:
-            columns = [f"{self._column(name)} {name}" for name in self.variables]
+            columns = [f"{self._column(name)} {name}" for name in self._bound]
         lines = [
             f"rvaft sql {self.dialect.name}",
             f"The attack-fault tree {json.dumps(self.prop.tree.root)} under {self.semantics}: {rows}.",
@@ -212,6 +224,7 @@ class SqlQuery:
             before = "PARTITION BY trace ORDER BY pos ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING"
             late = f"coalesce(max(time) OVER ({before}) - time > {self.dialect.number(self.late)}, false) AS late"
             source, late = self._table(f"SELECT trace, pos, event, time, {late} FROM events", "late_"), ", late"
+        self.log = source, self.rows
         if self.semantics is Semantics.SCATTERED:
             return source
         wanted = ["NOT late"] if late and self.semantics is not Semantics.STRICT else []
@@ -252,10 +265,10 @@ class SqlQuery:
     def _column(self, variable: str) -> str:
         return self._columns[variable]
 
-    def condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
+    def condition(self, pattern: Pattern, guards: Iterable[Guard], rows: Rows | None = None) -> str:
         """Return the condition that an event matches a pattern with guards on it alone."""
         places: dict[str, tuple[Rows, Path]] = {}
-        conditions = self._tests([(self.rows, (), pattern)], places, 1)
+        conditions = self._tests([(rows or self.rows, (), pattern)], places, 1)
         for guard in guards:
             conditions.append(
                 self.guards.condition(guard, {name: self._term(*places[name]) for name in variables(guard)})
@@ -334,6 +347,7 @@ class SqlQuery:
         for guard, home in one.homes:
             if home is None and not (guard in windows and windows[guard][0] - one.tried):
                 where += self._near(one, guard, alias) or [self.guards.condition(guard, terms)]
+        where += self._absences(one, alias, terms, first_of)
         values = self._values(first_of)
         references = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", " ".join([*where, values]))
         wanted = {row: frozenset(column for other, column in references if other == row) for row in alias.values()}
@@ -360,11 +374,142 @@ class SqlQuery:
             raise TooLarge("tables joined in a scenario", limit=TABLES)
         lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
         last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
+        decisions = [*self._decisions(one, alias)]
         trace = "" if self.untraced else f"{first}.trace, "
         what = f"{trace}{last} AS detected, {one.branch} AS branch,\n  {self._nodes(alias)} AS nodes{values}"
+        what += "".join(f",\n  {decision} AS decided_{number}" for number, decision in enumerate(decisions, 1))
         condition = "\n  AND ".join(dict.fromkeys([*joins, *where]))
         distinct = "DISTINCT " if self.first and not one.loose else ""
-        return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
+        query = f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
+        return self._decided(query, len(decisions), values) if decisions else query
+
+    def _decided(self, query: str, decisions: int, values: str) -> str:
+        """Return the matches of a query whose clauses `after` are decided, detected where the last one is."""
+        names = [f"decided_{number}" for number in range(1, decisions + 1)]
+        last = f"{self.dialect.greatest}(detected, {', '.join(names)})"
+        shown = ["nodes", *re.findall(r" AS (v\d+_json|variables)\b", values)]
+        trace = "" if self.untraced else "trace, "
+        decided = " AND ".join(f"{name} IS NOT NULL" for name in names)
+        what = f"{trace}{last} AS detected, branch, {', '.join(shown)}"
+        return f"SELECT {what}\nFROM (\n{query}\n) AS match_\nWHERE {decided}"
+
+    # Absent events.
+
+    def _absences(
+        self,
+        one: QueriedScenario,
+        alias: Mapping[Event, str],
+        terms: Mapping[str, SqlTerm],
+        first_of: Mapping[str, str],
+    ) -> Iterator[str]:
+        """Yield the conditions that no event breaks a `without`."""
+        for number, (clause, part) in enumerate(one.absences, 1):
+            row, where = f"q{number}", list[str]()
+            begin, end = self._extreme("pos", part, alias, one)
+            if clause.duration is not None:
+                yield from (f"{alias[event]}.time IS NOT NULL" for event in part)
+            match clause.side:
+                case Side.DURING:
+                    if len(part) == 1:
+                        continue
+                    where += [f"{begin} < {row}.pos", f"{row}.pos < {end}"]
+                case Side.BEFORE:
+                    where.append(f"{row}.pos < {begin}")
+                    if clause.duration is not None:
+                        start, _ = self._extreme("time", part, alias, one)
+                        where.append(self._apart(start, "<=", f"{row}.time", clause.duration))
+                case Side.AFTER:
+                    where += [f"{end} < {row}.pos", *self._undecided(clause, part, row, alias, one)]
+                case _:
+                    assert_never(clause.side)
+            used = [other for event, other in alias.items() if compatible(clause.pattern, event.pattern)]
+            where += [f"{row}.pos <> {other}.pos" for other in used]
+            paths = variable_paths(clause.pattern)
+            names = rigid_variables(clause.pattern)
+            columns = {name: f"{row}.{self._column(name)}" for name in names}
+            where += [f"{columns[name]}_key = {first_of[name]}_key" for name in names if name not in clause.own]
+            guards = conjuncts(clause.guard)
+            alone = [guard for guard in guards if paths.keys() >= {*variables(guard)}]
+            binding = dict(terms)
+            for name in clause.own.intersection(names):
+                facets = {kind: f"{columns[name]}_{kind}" for kind in FACETS}
+                binding[name] = self.rows.variable(facets, paths[name])
+            where += [self.guards.condition(guard, binding) for guard in guards if guard not in alone]
+            wanted = {*re.findall(rf"\b{row}\.(v\d+_[a-z]+)", " ".join(where))}
+            table = self._absent(clause, alone, wanted)
+            trace = [] if self.untraced else [f"{row}.trace = {next(iter(alias.values()))}.trace"]
+            yield f"NOT EXISTS (SELECT 1 FROM {table} AS {row} WHERE {' AND '.join([*trace, *where])})"
+
+    def _absent(self, clause: Without, guards: Iterable[Guard], wanted: Set[str]) -> str:
+        """Return the table of the events that a clause excludes."""
+        source, rows = self.log
+        paths = variable_paths(clause.pattern)
+        columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos")]
+        for name in rigid_variables(clause.pattern):
+            facets = rows.facets(paths[name])
+            named = {f"{self._column(name)}_{kind}": expression for kind, expression in facets.items()}
+            names = [column for column in named if column in wanted]
+            columns += [f"{named[column]} AS {column}" for column in (names[:1] if self.typed else names)]
+        if clause.duration is not None:
+            columns.append(renamed(rows.time, "time"))
+        where = ["NOT late"] if self.late is not None else []
+        where.append(self.condition(clause.pattern, guards, rows))
+        return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {' AND '.join(where)}", "w")
+
+    def _undecided(
+        self, clause: Without, part: Sequence[Event], row: str, alias: Mapping[Event, str], one: QueriedScenario
+    ) -> Iterator[str]:
+        """Yield the conditions that a later event is in time, and that no event before it decides.
+
+        With `late`, an event in time after the deciding one is late.
+        """
+        _, end = self._extreme("time", part, alias, one)
+        yield self._apart(f"{row}.time", "<=", end, clause.duration or 0)
+        if self.lateness is None:
+            yield f"NOT EXISTS (SELECT 1 FROM {self._deciding(clause, part, alias, one)} AND d.pos < {row}.pos)"
+
+    def _decisions(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
+        """Yield the positions that decide the clauses `after`."""
+        for clause, part in one.absences:
+            if clause.side is Side.AFTER:
+                yield f"(SELECT min(d.pos) FROM {self._deciding(clause, part, alias, one)})"
+
+    def _deciding(
+        self, clause: Without, part: Sequence[Event], alias: Mapping[Event, str], one: QueriedScenario
+    ) -> str:
+        """Return the table `d` of times and the condition that an event decides a clause."""
+        source, rows = self.log
+        columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos"), renamed(rows.time, "time")]
+        query = f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {rows.time} IS NOT NULL"
+        _, last = self._extreme("pos", part, alias, one)
+        _, end = self._extreme("time", part, alias, one)
+        trace = [] if self.untraced else [f"d.trace = {alias[part[0]]}.trace"]
+        length = (clause.duration or 0) + (self.lateness or 0)
+        where = [*trace, f"{last} < d.pos", self._apart("d.time", ">", end, length)]
+        return f"{self._table(query, 'time_')} AS d WHERE {' AND '.join(where)}"
+
+    def _apart(self, later: str, sign: str, earlier: str, length: int) -> str:
+        """Return the comparison of the difference of two times with a duration."""
+        if length < _LONGEST:
+            return f"{later} {sign} {earlier} + {self.guards.literal(length).whole}"
+        return f"{later} - {earlier} {sign} {self.guards.literal(min(length, 2**63 - 1)).whole}"
+
+    def _extreme(
+        self, column: str, part: Sequence[Event], alias: Mapping[Event, str], one: QueriedScenario
+    ) -> tuple[str, str]:
+        """Return the least and the greatest value of a column in the events of a part."""
+        first, last = [*part], [*part]
+        if column == "pos":
+            first = [event for event in part if one.before[event].isdisjoint(part)]
+            last = [event for event in part if not any(event in one.before[other] for other in part)]
+        words = ((self.dialect.least_of, first), (self.dialect.greatest, last))
+        least, most = (
+            f"{alias[events[0]]}.{column}"
+            if len(events) == 1
+            else f"{word}({', '.join(f'{alias[event]}.{column}' for event in events)})"
+            for word, events in words
+        )
+        return least, most
 
     def _near(self, one: QueriedScenario, guard: Guard, alias: Mapping[Event, str]) -> list[str]:
         """Return a window of few events as bounds of each pair, which a join can use."""

@@ -224,10 +224,11 @@ def column_types(prop: Property) -> dict[Path, ValueType]:
 def variable_types(prop: Property, types: Mapping[Path, ValueType]) -> dict[str, ValueType]:
     """Return the type of each variable; raises `NotExpressible` if its values are never equal."""
     found: dict[str, ValueType] = {}
-    patterns = [*(untimed(event.pattern)[0] for event in prop.events), *(one.pattern for one in prop.absences)]
-    for pattern in patterns:
+    patterns = [(untimed(event.pattern)[0], frozenset[str]()) for event in prop.events]
+    patterns += [(clause.pattern, clause.own) for clause in prop.absences]
+    for pattern, own in patterns:
         for path, part, _ in places(pattern):
-            if isinstance(part, Variable):
+            if isinstance(part, Variable) and part.name not in own:
                 known = found.setdefault(part.name, types[path])
                 if known is not types[path] and not {known, types[path]} <= _NUMBERS:
                     reason = f"variable {part.name} is {known} and {types[path]}: columns of two types are not compared"

@@ -35,6 +35,10 @@ TREES = {
         e on su(X, K) when K > 1 or startswith(X, "b"); ignore su("carl", _);""",
     "ordered": """time t as ns; top and a b; a on login(_, _, true, _) times 3; b sand c d; c on su("carl", _);
         d on su(_, 2);""",
+    "absent": """time t as s late 2 s; top or p q; p sand a b without login(U, K, _, _) when K > N
+        without su(V, K) when V != U and K > N for 3 s before; a on login(U, N, _, _); b on su(U, _);
+        q and c d without su(V, K) when V == X and K >= 2 for 2 s after; c on login(X, _, true, _);
+        d on login(X, _, false, _) without su("carl", _) before;""",
     "unequal": "top and a b; a on login(U, N, _, W); b on su(V, N) when V != U and max(N, 1) < W / 2 + abs(N);",
 }
 SHAPES: dict[str, dict[str, Any]] = {

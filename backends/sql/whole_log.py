@@ -60,7 +60,7 @@ class _LogBackend(SqlTableBackend):
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the query."""
         assert self._table is not None, "the table is made for the tree"
-        self.query = SqlQuery(prop, semantics, DIALECTS["duckdb"], limit, self._table)
+        self.query = SqlQuery(prop, semantics, DIALECTS["duckdb"], limit, self._table, ordered=True)
         return SpecificationText(*self.query.text())
 
 

@@ -49,6 +49,7 @@ CASES = (
         f"{TYPED} {SCATTERED} time iso as iso8601; top sand a b within 2 s; a on x(U); b on y(U, _) "
         "when at(b) - at(a) >= 1 s;"
     ),
+    f"{TYPED} {SCATTERED} time t as s; top sand a b within 3 s; a times 3 on x(U); b times 3 on y(U, N) when N > 0;",
     f"{TYPED} {SCATTERED} top sand a b without z(U); a on x(U); b on y(U, N) without y(U, M) when M > N before;",
     (
         f"{TYPED} {SCATTERED} time t as s; top or p q; p on y(U, N) when N > 2 without y(U, _) for 0.5 s after "

@@ -92,12 +92,12 @@ def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, mi
         order = {event: before[event] for event in sorted(before, key=lambda event: len(before[event]))}
         guards = tuple(condition.guard for condition in scenario.conditions)
         numbered.append(_choices(scenario.kept))
-        found.append(kind(0, order, guards, tuple(_absences(scenario.kept, order))))
+        found.append(kind(0, order, guards, tuple(absent_events(scenario.kept, order))))
     numbers = _branch_numbers(prop, numbered)
     return tuple(replace(one, branch=number) for number, one in zip(numbers, found, strict=True))
 
 
-def _absences(kept: Kept, order: Iterable[Event]) -> Iterator[tuple[Without, tuple[Event, ...]]]:
+def absent_events(kept: Kept, order: Iterable[Event]) -> Iterator[tuple[Without, tuple[Event, ...]]]:
     """Yield the absent events of kept parts, each with the events of its part in order."""
     for part in kept:
         if isinstance(part, Without):

@@ -21,7 +21,7 @@ needs_spot: Final = pytest.mark.skipif(find_spec("spot") is None, reason="needs 
 needs_compiler: Final = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 SPOT: Final = (pytest.mark.spot, needs_spot)
 
-ABSENT: Final = frozenset({"kql", "sql", "sql-duckdb", "sql-table", "sql-table-duckdb"})
+ABSENT: Final = frozenset({"kql", "match-recognize", "sql", "sql-duckdb", "sql-table", "sql-table-duckdb"})
 """The backends that write absent events (`without`)."""
 
 SHAPES = {

@@ -175,6 +175,8 @@ REFUSED = {
     ),
     "event e(u: text) = { u: u }; event f(v: integer) = { v: v }; assume types, present; top and a b; a on e(U); "
     "b on f(U);": "columns of two types are not compared",
+    "event e(u: text) = { u: u }; event f(v: integer) = { v: v }; assume types, present; top and a; a on e(U) "
+    "without f(U) before;": "columns of two types are not compared",
 }
 
 
@@ -183,6 +185,15 @@ def test_what_columns_cannot_hold_is_refused(text: str) -> None:
     with pytest.raises(NotExpressible, match=r"\S") as refusal:
         backend("sql-table").translate(loads(text), Semantics.SCATTERED)
     assert REFUSED[text] in str(refusal.value)
+
+
+def test_a_subquery_on_times_is_not_written_by_sqlglot() -> None:
+    text = (
+        "time t as s; event e(u: text) = { u: u }; assume types, present; top on e(U) without e(V) when V != U for 1 s"
+    )
+    language = SqlBackend().mapped({"table": "log", "position": "id", "time": "ts:s", "dialect": "trino"})
+    with pytest.raises(NotExpressible, match=r"`without … after` is a subquery .* does not write for trino \(at top\)"):
+        language.translate(loads(f"{text} after;"), Semantics.SCATTERED)
 
 
 WRONG = {

@@ -1,7 +1,7 @@
 """Scenarios as joins of events, for the languages that query tables."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, islice
 from typing import TypeAlias, TypeVar
@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 from backends.tables import Path
 from rvaft.core.branches import branches, number_of
 from rvaft.core.patterns import compatible
-from rvaft.core.property import Event, One, Property
+from rvaft.core.property import Event, One, Part, Property, Without, parts_below
 from rvaft.core.scenarios import Kept, scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge
@@ -25,11 +25,14 @@ Choices: TypeAlias = Mapping[str, str]
 
 @dataclass(frozen=True)
 class JoinedScenario:
-    """The predecessors of each event in topological order, and guards with variables."""
+    """The predecessors of each event in topological order, guards with variables, and absent events,
+    each with the events of its part.
+    """
 
     branch: int
     before: Mapping[Event, frozenset[Event]]
     guards: tuple[Guard, ...]
+    absences: tuple[tuple[Without, tuple[Event, ...]], ...] = ()
 
     @cached_property
     def binders(self) -> dict[str, list[Event]]:
@@ -76,7 +79,7 @@ def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, mi
     """Return the feasible scenarios; raises `TooLarge` for more than `most` events in one, or
     `limit` in all.
     """
-    found, joined = list[tuple[Choices, dict[Event, frozenset[Event]], tuple[Guard, ...]]](), 0
+    found, numbered, joined = list[S](), list[Choices](), 0
     for scenario in scenarios(prop, minimal=minimal, limit=limit):
         joined += max(len(scenario.events), 1)
         if joined > limit or len(scenario.events) > most:
@@ -88,9 +91,18 @@ def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, mi
         }
         order = {event: before[event] for event in sorted(before, key=lambda event: len(before[event]))}
         guards = tuple(condition.guard for condition in scenario.conditions)
-        found.append((_choices(scenario.kept), order, guards))
-    numbers = _branch_numbers(prop, [choices for choices, _, _ in found])
-    return tuple(kind(number, order, guards) for number, (_, order, guards) in zip(numbers, found, strict=True))
+        numbered.append(_choices(scenario.kept))
+        found.append(kind(0, order, guards, tuple(absent_events(scenario.kept, order))))
+    numbers = _branch_numbers(prop, numbered)
+    return tuple(replace(one, branch=number) for number, one in zip(numbers, found, strict=True))
+
+
+def absent_events(kept: Kept, order: Iterable[Event]) -> Iterator[tuple[Without, tuple[Event, ...]]]:
+    """Yield the absent events of kept parts, each with the events of its part in order."""
+    for part in kept:
+        if isinstance(part, Without):
+            below = frozenset[Part](parts_below(part, lambda inner: kept[inner]))
+            yield part, tuple(event for event in order if event in below)
 
 
 def _choices(kept: Kept) -> Choices:

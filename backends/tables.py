@@ -118,7 +118,8 @@ class TableHeader(NamedTuple):
         if twice := next((name for name in taken if taken.count(name) > 1), ""):
             raise OptionError(f"two fields have the column {twice}: name their columns")
         if prop.time is None or not table.time:
-            if prop.time is not None and any(untimed(event.pattern)[1] is not None for event in prop.events):
+            timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
+            if prop.time is not None and (timed or any(one.duration is not None for one in prop.absences)):
                 raise OptionError(
                     f"the tree compares times: name the column of {'.'.join(prop.time.field)} as the time"
                 )
@@ -211,6 +212,7 @@ def column_types(prop: Property) -> dict[Path, ValueType]:
         *(one.pattern for one in prop.events),
         *(one.pattern for one in prop.alphabet),
         *(one.pattern for one in prop.ignored),
+        *(one.pattern for one in prop.absences),
     ]
     for pattern in (untimed(one)[0] for one in dict.fromkeys(patterns)):
         for path, part, _ in places(pattern):
@@ -222,9 +224,11 @@ def column_types(prop: Property) -> dict[Path, ValueType]:
 def variable_types(prop: Property, types: Mapping[Path, ValueType]) -> dict[str, ValueType]:
     """Return the type of each variable; raises `NotExpressible` if its values are never equal."""
     found: dict[str, ValueType] = {}
-    for event in prop.events:
-        for path, part, _ in places(untimed(event.pattern)[0]):
-            if isinstance(part, Variable):
+    patterns = [(untimed(event.pattern)[0], frozenset[str]()) for event in prop.events]
+    patterns += [(clause.pattern, clause.own) for clause in prop.absences]
+    for pattern, own in patterns:
+        for path, part, _ in places(pattern):
+            if isinstance(part, Variable) and part.name not in own:
                 known = found.setdefault(part.name, types[path])
                 if known is not types[path] and not {known, types[path]} <= _NUMBERS:
                     reason = f"variable {part.name} is {known} and {types[path]}: columns of two types are not compared"

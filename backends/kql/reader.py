@@ -28,6 +28,8 @@ tabular: name step* | "union" name ("," name)* -> union
 ?step: "|" "where" or_ -> where
     | "|" "project" column ("," column)* -> project
     | "|" "join" "kind" "=" "inner" name "on" pair ("," pair)* -> join
+    | "|" "join" "kind" "=" "leftanti" name "on" pair ("," pair)* -> without
+    | "|" "summarize" name "=" "min" "(" name ")" "by" name ("," name)* -> summarize
 column: name "=" or_
 pair: "$left" "." name EQUAL "$right" "." name
 ?or_: and_ | and_ ("or" and_)+ -> either
@@ -45,7 +47,7 @@ name: NAME | QUOTED
 EQUAL: "=="
 COMPARE: "!=" | "<=" | ">=" | "<" | ">"
 TEXTUAL: "startswith_cs" | "endswith_cs" | "contains_cs"
-FUNCTION.2: /(not|abs|max_of|min_of|bag_pack|pack_array)(?=\()/
+FUNCTION.2: /(not|abs|isnotnull|max_of|min_of|bag_pack|pack_array)(?=\()/
 SIGN: "+" | "-"
 TRUTH.2: /(true|false)\b/
 SPAN.3: /[0-9]+(microsecond|tick|ms|d|h|m|s)\b/
@@ -230,13 +232,48 @@ class KqlProgram:
             raise self._wrong("two columns have one name", step)
         return _Tabular(types, lambda source: [{name: one.of(row) for name, one in made} for row in table.of(source)])
 
-    def _join(self, left: _Tabular, step: Any) -> _Tabular:
-        right, pairs = self._table(step.children[0]), list[tuple[str, str]]()
+    def _summarize(self, table: _Tabular, step: Any) -> _Tabular:
+        made, least, *names = map(self._name, step.children)
+        if unknown := [name for name in (least, *names) if name not in table.types]:
+            raise self._wrong(f"no column {unknown[0]}", step)
+        if len({made, *names}) <= len(names):
+            raise self._wrong("two columns have one name", step)
+        if table.types[least] not in _ORDERED:
+            raise self._wrong(f"a value of type {table.types[least]} has no minimum", step)
+
+        def summarized(source: _Rows) -> _Rows:
+            found: dict[tuple[Any, ...], list[Any]] = {}
+            for row in table.of(source):
+                found.setdefault(tuple(row[name] for name in names), []).append(row[least])
+            values = ((key, [one for one in some if one is not None]) for key, some in found.items())
+            return [{**dict(zip(names, key, strict=True)), made: min(some, default=None)} for key, some in values]
+
+        return _Tabular({**{name: table.types[name] for name in names}, made: table.types[least]}, summarized)
+
+    def _pairs(self, left: _Tabular, right: _Tabular, step: Any) -> list[tuple[str, str]]:
+        """Return the columns on which a step joins two tables."""
+        pairs = list[tuple[str, str]]()
         for pair in step.children[1:]:
             a, b = map(self._name, pair.children[::2])
             if a not in left.types or b not in right.types or left.types[a] != right.types[b]:
                 raise self._wrong(f"{a} and {b} are no columns of one type on the two sides", pair)
             pairs.append((a, b))
+        return pairs
+
+    def _without(self, left: _Tabular, step: Any) -> _Tabular:
+        right = self._table(step.children[0])
+        pairs = self._pairs(left, right, step)
+
+        def unmatched(source: _Rows) -> _Rows:
+            found = {tuple(row[b] for _, b in pairs) for row in right.of(source)}
+            keys = ((row, tuple(row[a] for a, _ in pairs)) for row in left.of(source))
+            return [row for row, key in keys if None in key or key not in found]
+
+        return _Tabular(left.types, unmatched)
+
+    def _join(self, left: _Tabular, step: Any) -> _Tabular:
+        right = self._table(step.children[0])
+        pairs = self._pairs(left, right, step)
         if twice := sorted(left.types.keys() & right.types.keys()):
             raise self._wrong(f"both sides have a column {twice[0]}", step)
 
@@ -322,6 +359,8 @@ class KqlProgram:
                 extreme = max if function == "max_of" else min
                 type_ = self._typed(tree, parts, *_ORDERED)
                 return _Expression(type_, lambda row: extreme(_known(part.of(row) for part in parts), default=None))
+            case "isnotnull" if len(parts) == 1:
+                return _Expression("bool", lambda row: parts[0].of(row) is not None)
             case "pack_array":
                 return _Expression("array", lambda row: [part.of(row) for part in parts])
             case "bag_pack" if len(parts) % 2 == 0 and {part.type for part in parts[::2]} == {"string"}:

@@ -9,26 +9,31 @@ joined. The translation depends on these facts of the documentation:
 - `x != null` is true, `null or true` too. So `or`, `not` and `!=` apply to values that are present,
   and never to times. `max_of` and `min_of` skip null, so bounds of times are bounds of pairs.
 - Keys of a join have one type; other variables are compared after the join.
+
+The matches that a `without` breaks are joined with the absent events, and removed by `leftanti`. For
+`without … after`, `summarize` finds the first later row whose time decides the clause.
 """
 
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from decimal import Decimal
 from itertools import product
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, assert_never
 
 from backends.joins import JoinedScenario, joined_scenarios, variable_paths
 from backends.tables import Path, Table, TableHeader, column_types, time_line
 from rvaft.backend import Metrics
-from rvaft.core.property import AtLeast, Event, Property, chooses
+from rvaft.core.patterns import compatible
+from rvaft.core.property import AtLeast, Event, Property, Without, chooses
 from rvaft.core.times import Extreme, differences, untimed
 from rvaft.errors import NotExpressible, TreeError, unwritten
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import UNITS
 from rvaft.model.guards import COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, value, variables
-from rvaft.model.nodes import Assumption, ValueType
-from rvaft.model.patterns import Literal, Variable, rigid_variables
+from rvaft.model.nodes import Assumption, Side, ValueType
+from rvaft.model.patterns import Literal, Pattern, Variable, rigid_variables
 from rvaft.model.values import has_surrogate
 
 EVENTS: Final = 20
@@ -73,6 +78,17 @@ class _Condition(NamedTuple):
     text: str
 
 
+@dataclass
+class _Steps:
+    """The steps to the matches of a scenario, of which `first` is joined first."""
+
+    scenario: JoinedScenario
+    first: Event
+    steps: list[str]
+    decided: list[str] = field(default_factory=list)
+    """The columns of the positions that decide clauses `after`."""
+
+
 def identifier(name: str) -> str:
     """Return the name of a table or column, quoted where it may be a keyword.
 
@@ -109,16 +125,20 @@ class KqlQuery:
                 unwritten("KQL rounds times in seconds: use a column of datetime, as in --time t:timestamp")
             )
         self.columns = {column.path: identifier(column.name) for column in self.header.columns}
-        self.scenarios = joined_scenarios(JoinedScenario, prop, limit, most=EVENTS)
+        self.scenarios = joined_scenarios(JoinedScenario, prop, limit, most=EVENTS, minimal=not prop.absences)
         if not self.scenarios:
             root = prop.tree.root
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
         self.number = {event: place for place, event in enumerate(prop.events, 1)}
-        self.timed = any(one.times for one in self.scenarios)
+        self.absent = {clause: place for place, clause in enumerate(prop.absences, len(prop.events) + 1)}
+        self.deciding = len(prop.events) + len(prop.absences) + 1
+        """The number of the rows that decide a clause `after`."""
+        self.timed = any(one.times for one in self.scenarios) or any(one.duration is not None for one in self.absent)
         self.lets: dict[str, str] = {}
         """The names of the queries of events, by query."""
         variables = (name for one in self.scenarios for name in one.binders if name not in one.times)
-        self._names = {name: number for number, name in enumerate(dict.fromkeys(variables), 1)}
+        own_variables = sorted({name for clause in self.absent for name in rigid_variables(clause.pattern)})
+        self._names = {name: number for number, name in enumerate(dict.fromkeys([*variables, *own_variables]), 1)}
         """The variables of events, each with its number."""
         own = {"trace", "detected", "branch", "nodes", *(f"v{place}" for place in range(len(self._names) + 1))}
         self._shown = {
@@ -144,7 +164,7 @@ class KqlQuery:
 
     def _header(self) -> Iterator[str]:
         votes = any(isinstance(part, AtLeast) and chooses(part) for part in self.prop.parts)
-        fewest = " with as few events as its votes need" if votes else ""
+        fewest = " with as few events as its votes need" if votes and not self.absent else ""
         yield "rvaft kql"
         yield f"The attack-fault tree {json.dumps(self.prop.tree.root)} under scattered: every match{fewest}."
         yield from self.header.lines()
@@ -160,9 +180,8 @@ class KqlQuery:
 
     # Events.
 
-    def _leaf(self, event: Event, guards: Iterable[Guard], *, alone: bool) -> str:
+    def _leaf(self, pattern: Pattern, own: int, name: str, guards: Iterable[Guard], *, alone: bool) -> str:
         """Return the name of the `let` of an event; `alone` adds a constant to join on."""
-        pattern, own = untimed(event.pattern)[0], self.number[event]
         where, columns = list[str](), variable_paths(pattern)
         for path, part, _ in places(pattern):
             if isinstance(part, Literal):
@@ -173,14 +192,17 @@ class KqlQuery:
         where += [self._truth(guard, terms) for guard in guards]
         project = {f"trace_{own}": self.header.trace, f"pos_{own}": self.header.position}
         shown = [f"{name} = {identifier(column)}" for name, column in project.items() if column]
-        shown += [f"{self._column(name, event)} = {self.columns[columns[name]]}" for name in rigid_variables(pattern)]
+        shown += [f"{self._column(name, own)} = {self.columns[columns[name]]}" for name in rigid_variables(pattern)]
         shown += [f"time_{own} = {identifier(self.header.time)}"] if self.timed else []
         shown += [f"one_{own} = 1"] if alone else []
         tests = f"\n| where {' and '.join(dict.fromkeys(where))}" if where else ""
         query = f"{identifier(self.header.table)}{tests}\n| project {', '.join(shown)}"
+        return self._let(query, f"{name if _WORD.fullmatch(name) else 'event'}_{own}")
+
+    def _let(self, query: str, name: str) -> str:
+        """Return the name of the `let` of a query."""
         if query not in self.lets:
-            node = event.source.node if _WORD.fullmatch(event.source.node) else "event"
-            self.lets[query] = self._free(f"{node}_{own}".replace("__", "_"))
+            self.lets[query] = self._free(name.replace("__", "_"))
             self._taken.add(self.lets[query])
         return self.lets[query]
 
@@ -192,10 +214,10 @@ class KqlQuery:
             )
         return f"{column} == {self._mixed(self._variable(path, column), self._literal(literal.value))[1]}"
 
-    def _column(self, variable: str, event: Event) -> str:
+    def _column(self, variable: str, event: Event | int) -> str:
         plain = _WORD.fullmatch(variable) and variable not in _OWN
         name = variable if plain else f"v{self._names[variable]}"
-        return f"{name}_{self.number[event]}"
+        return f"{name}_{event if isinstance(event, int) else self.number[event]}"
 
     # Scenarios.
 
@@ -217,9 +239,12 @@ class KqlQuery:
                 constant |= {joined[0], event}
             joined.append(event)
             todo.remove(event)
+        if one.absences:
+            constant |= {joined[0]}
         seen = set[Event]()
         for event in joined:
-            name = self._leaf(event, homes[event], alone=event in constant)
+            pattern, node = untimed(event.pattern)[0], event.source.node
+            name = self._leaf(pattern, self.number[event], node, homes[event], alone=event in constant)
             keys_ = ", ".join(f"$left.{left} == $right.{right}" for left, right in pairs[event])
             steps.append(f"join kind=inner {name} on {keys_}" if steps else name)
             seen.add(event)
@@ -227,6 +252,8 @@ class KqlQuery:
             conditions = [condition for condition in conditions if condition not in ready]
             if ready:
                 steps.append(f"where {' and '.join(dict.fromkeys(condition.text for condition in ready))}")
+        if one.absences:
+            steps = self._with_absences(one, joined[0], steps)
         steps.append(f"project {', '.join(self._result(one))}")
         return "\n| ".join(steps)
 
@@ -249,6 +276,128 @@ class KqlQuery:
             )
         return ValueType.NUMBER if len(found) > 1 else next(iter(found))
 
+    # Absent events.
+
+    def _with_absences(self, one: JoinedScenario, first: Event, steps: list[str]) -> list[str]:
+        """Return the steps to the matches that no event breaks, with the positions that decide them."""
+        times = {number for clause, part in one.absences if clause.duration is not None for number in self._of(part)}
+        if times:
+            steps = [*steps, f"where {' and '.join(f'isnotnull(time_{number})' for number in sorted(times))}"]
+        where = [(clause, part, self._breaking(one, clause, part)) for clause, part in one.absences]
+        late = None if self.prop.tree.time is None else self.prop.tree.time.late
+        found = _Steps(one, first, steps)
+        for number, (clause, part, conditions) in enumerate(where, 1):
+            if clause.side is not Side.AFTER:
+                self._remove(found, clause, conditions)
+            elif late is not None:  # an event in time after the deciding one is late
+                self._remove(found, clause, conditions)
+                self._decide(found, clause, part, f"decided_{number}")
+            else:
+                self._decide(found, clause, part, f"decided_{number}")
+                self._remove(found, clause, [*conditions, f"pos_{self.absent[clause]} < decided_{number}"])
+        return found.steps
+
+    def _of(self, part: Iterable[Event]) -> list[int]:
+        return [self.number[event] for event in part]
+
+    def _breaking(self, one: JoinedScenario, clause: Without, part: Sequence[Event]) -> list[str]:
+        """Return the conditions that an event breaks a clause, apart from keys and decisions."""
+        row = self.absent[clause]
+        begin, end = (_several(word, [f"pos_{number}" for number in self._of(part)]) for word in ("min_of", "max_of"))
+        match clause.side:
+            case Side.DURING:
+                found = [f"{begin} < pos_{row}", f"pos_{row} < {end}"]
+            case Side.BEFORE:
+                found = [f"pos_{row} < {begin}"]
+                if clause.duration is not None:
+                    start = _several("min_of", [f"time_{number}" for number in self._of(part)])
+                    found.append(f"{start} - time_{row} {self._bound(clause.duration)}")
+            case Side.AFTER:
+                found = [f"{end} < pos_{row}", f"time_{row} - {self._end(part)} {self._bound(clause.duration or 0)}"]
+            case _:
+                assert_never(clause.side)
+        used = [event for event in one.before if compatible(clause.pattern, event.pattern)]
+        found += [f"pos_{row} != pos_{number}" for number in self._of(used)]
+        paths, terms = variable_paths(clause.pattern), self._terms(one)
+        columns = {name: self._variable(paths[name], self._column(name, row)) for name in paths}
+        for name in rigid_variables(clause.pattern):
+            if name not in clause.own and not self._is_key(one, clause, name):
+                found.append(self._compared(terms[name], Operator.EQ, columns[name]))
+        binding = {**terms, **{name: columns[name] for name in clause.own & columns.keys()}}
+        return [*found, *(self._truth(guard, binding) for guard in self._guards(clause, alone=False))]
+
+    def _end(self, part: Sequence[Event]) -> str:
+        return _several("max_of", [f"time_{number}" for number in self._of(part)])
+
+    @staticmethod
+    def _guards(clause: Without, *, alone: bool) -> list[Guard]:
+        """Return the conjuncts of a guard on the absent event alone, or the others."""
+        names = variable_paths(clause.pattern).keys()
+        return [guard for guard in conjuncts(clause.guard) if (names >= {*variables(guard)}) is alone]
+
+    def _is_key(self, one: JoinedScenario, clause: Without, name: str) -> bool:
+        type_ = self.types[variable_paths(clause.pattern)[name]]
+        return type_ in _KEYS and self._terms(one)[name].type is type_
+
+    def _remove(self, found: _Steps, clause: Without, conditions: Iterable[str]) -> None:
+        """Remove the matches that an event breaks."""
+        row, one, first = self.absent[clause], found.scenario, found.first
+        names = [name for name in rigid_variables(clause.pattern) if name not in clause.own]
+        terms = self._terms(one)
+        keys = [(terms[name].text, self._column(name, row)) for name in names if self._is_key(one, clause, name)]
+        if self.header.trace:
+            keys.insert(0, (f"trace_{self.number[first]}", f"trace_{row}"))
+        alone = not keys
+        if alone:
+            keys.append((f"one_{self.number[first]}", f"one_{row}"))
+        absent = self._leaf(clause.pattern, row, "absent", self._guards(clause, alone=True), alone=alone)
+        matched = self._let("\n| ".join(found.steps), "matched_1")
+        on = ", ".join(f"$left.{left} == $right.{right}" for left, right in keys)
+        positions = [f"pos_{number}" for number in self._of(one.before)]
+        shown = ", ".join(f"{name} = {name}" for name in positions)
+        broken = [matched, f"join kind=inner {absent} on {on}", f"where {' and '.join(conditions)}", f"project {shown}"]
+        same = ", ".join(f"$left.{name} == $right.{name}" for name in positions)
+        removed = self._let("\n| ".join(broken), "broken_1")
+        found.steps = [matched, f"join kind=leftanti {removed} on {same}"]
+
+    def _decide(self, found: _Steps, clause: Without, part: Sequence[Event], name: str) -> None:
+        """Keep the matches whose clause is decided, with the position that decides it."""
+        row, late = self.deciding, self.prop.tree.time.late if self.prop.tree.time is not None else None
+        one, first = found.scenario, found.first
+        own = {f"trace_{row}": self.header.trace, f"pos_{row}": self.header.position, f"time_{row}": self.header.time}
+        shown = [f"{name} = {identifier(column)}" for name, column in own.items() if column]
+        time = identifier(self.header.time)
+        key = "trace" if self.header.trace else "one"
+        shown += [] if self.header.trace else [f"one_{row} = 1"]
+        table = f"{identifier(self.header.table)}\n| where isnotnull({time})\n| project {', '.join(shown)}"
+        length = self._bound((clause.duration or 0) + (late or 0))
+        longer = f">{length[2:]}" if length.startswith("<=") else f">={length[1:]}"
+        last = _several("max_of", [f"pos_{event}" for event in self._of(part)])
+        kept = [*self._carried(one, first), *found.decided]
+        pair = f"$left.{key}_{self.number[first]} == $right.{key}_{row}"
+        found.steps += [
+            f"join kind=inner {self._let(table, f'time_{row}')} on {pair}",
+            f"where {last} < pos_{row} and time_{row} - {self._end(part)} {longer}",
+            f"summarize {name} = min(pos_{row}) by {', '.join(kept)}",
+        ]
+        found.decided.append(name)
+
+    def _carried(self, one: JoinedScenario, first: Event) -> Iterator[str]:
+        """Yield the columns of a match."""
+        for event in one.before:
+            number = self.number[event]
+            yield from (f"{name}_{number}" for name in ("trace", "pos", "time") if name != "trace" or self.header.trace)
+            yield from (self._column(name, event) for name in rigid_variables(untimed(event.pattern)[0]))
+        yield f"one_{self.number[first]}"
+
+    def _terms(self, one: JoinedScenario) -> dict[str, _Term]:
+        """Return the first column of each variable."""
+        paths = ((name, events[0]) for name, events in one.binders.items() if name not in one.times)
+        return {
+            name: self._variable(variable_paths(event.pattern)[name], self._column(name, event))
+            for name, event in paths
+        }
+
     def _conditions(self, one: JoinedScenario) -> Iterator[_Condition]:
         row = self.number
         for event in one.before:
@@ -256,11 +405,10 @@ class KqlQuery:
                 yield _Condition(frozenset({event, other}), f"pos_{row[other]} < pos_{row[event]}")
         for a, b in one.apart:
             yield _Condition(frozenset({a, b}), f"pos_{row[a]} != pos_{row[b]}")
-        terms: dict[str, _Term] = {}
+        terms = self._terms(one)
         for variable, (first, *others) in one.binders.items():
             if (type_ := self._type(one, variable)) is not ValueType.TIME:
                 column = self._column(variable, first)
-                terms[variable] = self._variable(variable_paths(first.pattern)[variable], column)
                 for other in others if type_ not in _KEYS else ():
                     yield _Condition(frozenset({first, other}), f"{column} == {self._column(variable, other)}")
         for guard, home in one.homes:
@@ -274,6 +422,8 @@ class KqlQuery:
     def _result(self, one: JoinedScenario) -> Iterator[str]:
         early = frozenset[Event]().union(*one.before.values())
         lasts = [f"pos_{self.number[event]}" for event in one.before if event not in early]
+        sides = [clause.side for clause, _ in one.absences]
+        lasts += [f"decided_{number}" for number, side in enumerate(sides, 1) if side is Side.AFTER]
         if self.header.trace:
             yield f"trace = trace_{self.number[next(iter(one.before))]}"
         yield f"detected = {_several('max_of', lasts)}"

@@ -13,11 +13,11 @@ from backends.tables import Table, with_time
 from rvaft.backend import Backend, Highlighting, Match, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property
-from rvaft.errors import OptionError
+from rvaft.core.property import Condition, Part, Property, Without
+from rvaft.errors import NotExpressible, OptionError, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
-from rvaft.model.nodes import Assumption
+from rvaft.model.nodes import Assumption, Side
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -46,7 +46,7 @@ class SqlBackend(Backend):
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE, Feature.OWN_VALUES})
@@ -163,6 +163,12 @@ class SqlTableBackend(SqlBackend):
         """Return the query; raises `NotExpressible` for fields that columns cannot hold, `TooLarge`
         and `ToolMissing`.
         """
+        waiting = [clause.source.node for clause in prop.absences if clause.side is Side.AFTER]
+        if waiting and self._dialect in TRANSPILED:
+            reason = (
+                f"a `without … after` is a subquery that compares times, which rvaft does not write for {self._dialect}"
+            )
+            raise NotExpressible(unwritten(reason), nodes=waiting)
         dialect = DIALECTS["duckdb" if self._dialect in TRANSPILED else self._dialect]
         text, metrics = SqlQuery(prop, semantics, dialect, limit, self._table).text()
         if self._dialect in TRANSPILED:

@@ -8,16 +8,23 @@ Under `scattered` the query returns every match, unless only order relates the e
 many counted events. It then finds the least position of each event after its predecessors, per
 value of shared variables and start of a window. Only events that a guard compares or that match
 each other's node are tried individually.
+
+Three or more counted events of a leaf are one row if no other node can use them, and if windows over
+them rely on times that do not go back: that of the last event, with the position and the time of the
+first one by `lag`.
+
+An absent event is a NOT EXISTS over all events. A scenario with `without … after` is detected at the
+first later event whose time decides the last of these clauses.
 """
 
 import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from typing import Final
+from typing import Final, assert_never
 
 from backends.joins import JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
@@ -25,11 +32,13 @@ from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
 from backends.tables import Table, time_line
 from rvaft.backend import Metrics
-from rvaft.core.property import Event, Property
+from rvaft.core.patterns import compatible
+from rvaft.core.property import Event, Property, Without
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, Operation, Operator, variables
+from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import (
     Anything,
     ListPattern,
@@ -48,6 +57,8 @@ _LENGTH: Final = 400
 _PAIRED: Final = 4
 """Maximum number of events of a window that is written as bounds of pairs."""
 _LONGEST: Final = 2**61
+COUNTED: Final = 600
+"""Maximum number of events of a scenario with counted leaves."""
 TABLES: Final = 60
 """Maximum number of events of a scenario: SQLite joins 64 tables."""
 
@@ -55,6 +66,59 @@ TABLES: Final = 60
 @dataclass(frozen=True)
 class QueriedScenario(JoinedScenario):
     """A scenario with its windows, and with the events that the query joins one by one."""
+
+    counts_of: Mapping[Event, "CountedEvents"] = field(default_factory=dict)
+    """The leaves that are one row, by the last event; the events between the first and the last are left out."""
+
+    def counted(self, lateness: int | None) -> "QueriedScenario":
+        """Return the scenario with counted leaves as single rows, where that makes no difference."""
+        leaves: dict[str, list[Event]] = {}
+        for event in self.before:
+            leaves.setdefault(event.source.node, []).append(event)
+        found = dict[Event, CountedEvents]()
+        for events in leaves.values():
+            if len(events) > 2 and (timed := self._interchangeable(events, lateness)) is not None:
+                found[events[-1]] = CountedEvents(events[0], len(events), timed)
+        if not found:
+            return self
+        between = {event for events in leaves.values() if events[-1] in found for event in events[1:-1]}
+        lost = {name for name, event in self.times.items() if event in between}
+
+        def kept(guard: Guard) -> Guard:
+            match guard:
+                case Operation(operator, parts):
+                    names = (part for part in parts if not (isinstance(part, Variable) and part.name in lost))
+                    return Operation(operator, tuple(map(kept, names)))
+                case _:
+                    return guard
+
+        before = {event: some - between for event, some in self.before.items() if event not in between}
+        absences = ((clause, tuple(event for event in part if event not in between)) for clause, part in self.absences)
+        guards = tuple(map(kept, self.guards))
+        return replace(self, before=before, guards=guards, absences=tuple(absences), counts_of=found)
+
+    def _interchangeable(self, events: Sequence[Event], lateness: int | None) -> bool | None:
+        """Return whether times of a leaf's events count, or None if its last events may not stand for others.
+
+        Of the sequences of such events with the same last one, the latest has the latest first event.
+        """
+        own, (first, *_), last = frozenset(events), events, events[-1]
+        pattern = untimed(first.pattern)[0]
+        alike = all(untimed(event.pattern)[0] == pattern for event in events)
+        chained = all(self.before[event] == self.before[first] | {*events[:at]} for at, event in enumerate(events))
+        others = [event for event in self.before if event not in own]
+        apart = not any(compatible(pattern, event.pattern) for event in others)
+        apart &= all(own <= self.before[event] or own.isdisjoint(self.before[event]) for event in others)
+        clauses = [(clause, own <= {*part}) for clause, part in self.absences]
+        unhurt = not any(
+            compatible(clause.pattern, pattern) or (inside and clause.side is Side.BEFORE) for clause, inside in clauses
+        )
+        names = {name for name, event in self.times.items() if event in own}
+        guards = [guard for guard in self.guards if names.intersection(variables(guard))]
+        windows = all(guard in self.windows and own <= self.windows[guard][0] for guard in guards)
+        timed = bool(guards) or any(inside and clause.duration is not None for clause, inside in clauses)
+        suitable = alike and chained and apart and unhurt and windows and last in self.before
+        return timed if suitable and (lateness == 0 or not timed) else None
 
     @cached_property
     def windows(self) -> dict[Guard, tuple[frozenset[Event], int]]:
@@ -99,6 +163,15 @@ class QueriedScenario(JoinedScenario):
 
 
 @dataclass(frozen=True)
+class CountedEvents:
+    """A counted leaf as one row: its first event, the number of its events, and whether their times count."""
+
+    first: Event
+    count: int
+    timed: bool
+
+
+@dataclass(frozen=True)
 class QueriedRow:
     """The table of an occurrence, and the columns that it shares, by shared name."""
 
@@ -110,8 +183,16 @@ class SqlQuery:
     """One translation; raises `TooLarge`, and `TreeError` without a feasible scenario."""
 
     def __init__(
-        self, prop: Property, semantics: Semantics, dialect: Dialect, limit: int, table: Table | None = None
+        self,
+        prop: Property,
+        semantics: Semantics,
+        dialect: Dialect,
+        limit: int,
+        table: Table | None = None,
+        *,
+        ordered: bool = False,
     ) -> None:
+        """Translate; `ordered`: without `late`, the query runs on times that do not go back only."""
         self.prop, self.semantics, self.dialect, self.limit = prop, semantics, dialect, limit
         self.guards = Guards(dialect)
         self.rows: Rows = JsonRows(dialect) if table is None else TableRows.of(table, prop, dialect)
@@ -124,19 +205,26 @@ class SqlQuery:
         """The number of tables by the letters of their names."""
         self.late = None if prop.time is None else prop.time.late
         self.timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
-        self.scenarios = (
-            joined_scenarios(QueriedScenario, prop, limit, most=TABLES, minimal=True)
-            if semantics is Semantics.SCATTERED
-            else ()
-        )
+        self.timed |= any(clause.duration is not None for clause in prop.absences)
+        time = prop.tree.time
+        self.lateness = None if time is None else 0 if ordered and time.late is None else time.late
+        """The D of `late`, or of the assumption that no event is late."""
+        minimal = semantics is Semantics.SCATTERED and not prop.absences
+        self.scenarios = joined_scenarios(QueriedScenario, prop, limit, most=COUNTED, minimal=minimal)
         several = any(len(one.before) > 1 for one in self.scenarios)
-        self.first = (several and all(one.loose for one in self.scenarios)) or any(one.counts for one in self.scenarios)
+        loose, many = all(one.loose for one in self.scenarios), any(one.counts for one in self.scenarios)
+        counted = tuple(one.counted(self.lateness) for one in self.scenarios)
+        self.counted = many and not loose and not any(one.counts for one in counted)
+        """Whether counted leaves are single rows."""
+        self.counted &= semantics is Semantics.SCATTERED
+        self.first = minimal and not self.counted and ((several and loose) or many)
         """Whether the query finds first matches only."""
-        if not (self.first and self.scenarios):
-            self.first, self.scenarios = (
-                False,
-                joined_scenarios(QueriedScenario, prop, limit, most=TABLES, minimal=False),
-            )
+        if self.counted:
+            self.scenarios = counted
+        elif minimal and not self.first:
+            self.scenarios = joined_scenarios(QueriedScenario, prop, limit, most=COUNTED, minimal=False)
+        if any(len(one.before) > TABLES for one in self.scenarios):
+            raise TooLarge("events joined in a scenario", limit=TABLES)
         if not self.scenarios:
             root = prop.tree.root
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
@@ -144,7 +232,10 @@ class SqlQuery:
         self.variables = [
             *dict.fromkeys(name for one in self.scenarios for name in one.binders if name not in one.times)
         ]
-        self._columns = {name: f"v{number}" for number, name in enumerate(self.variables, 1)}
+        own = sorted({name for clause in prop.absences for name in clause.own if not name.startswith("_")})
+        self._bound = [*dict.fromkeys((*self.variables, *own))]
+        """The variables, and those that only absent events have."""
+        self._columns = {name: f"v{number}" for number, name in enumerate(self._bound, 1)}
 
     def text(self) -> tuple[str, Metrics]:
         """Return the text and its metrics."""
@@ -163,8 +254,8 @@ class SqlQuery:
     @cached_property
     def _names(self) -> list[str]:
         """The names of the columns of variables in a query on typed columns."""
-        small = Counter([*(name.lower() for name in self.variables), *OWN])
-        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(self.variables, 1)]
+        small = Counter([*(name.lower() for name in self._bound), *OWN])
+        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(self._bound, 1)]
 
     def _named(self, text: str) -> str:
         """Return the text with the names of variables for their columns."""
@@ -176,15 +267,16 @@ class SqlQuery:
     def _header(self, text: str) -> str:
         time = self.prop.time
         rows = "the first match of each scenario" if self.first else "every match"
+        rows += ", with the first and the last event of counted leaves" if self.counted else ""
         rows += (
             ""
             if all(one.loose for one in self.scenarios) or not self.first
             else ", for all that ties its events together"
         )
-        shown = zip(self.variables, self._names, strict=True) if self.typed else ()
+        shown = zip(self._bound, self._names, strict=True) if self.typed else ()
         columns = [f"{column} {name}" for name, column in shown if name != column]
         if "_key" in text or "_json" in text:
-            columns = [f"{self._column(name)} {name}" for name in self.variables]
+            columns = [f"{self._column(name)} {name}" for name in self._bound]
         lines = [
             f"rvaft sql {self.dialect.name}",
             f"The attack-fault tree {json.dumps(self.prop.tree.root)} under {self.semantics}: {rows}.",
@@ -212,6 +304,7 @@ class SqlQuery:
             before = "PARTITION BY trace ORDER BY pos ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING"
             late = f"coalesce(max(time) OVER ({before}) - time > {self.dialect.number(self.late)}, false) AS late"
             source, late = self._table(f"SELECT trace, pos, event, time, {late} FROM events", "late_"), ", late"
+        self.log = source, self.rows
         if self.semantics is Semantics.SCATTERED:
             return source
         wanted = ["NOT late"] if late and self.semantics is not Semantics.STRICT else []
@@ -249,13 +342,35 @@ class SqlQuery:
             where.insert(0, f"place <= {self.most}")
         return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {places} WHERE {' AND '.join(where)}", "n")
 
+    def _wanted(self, one: QueriedScenario, alias: Mapping[Event, str], text: str) -> dict[str, frozenset[str]]:
+        """Return the columns of each row that a text names."""
+        references = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", text)
+        wanted = {row: frozenset(column for other, column in references if other == row) for row in alias.values()}
+        for last, count in one.counts_of.items():  # one table
+            both = wanted[alias[count.first]] | wanted[alias[last]]
+            keys = (f"{self._column(name)}_key" for name in rigid_variables(last.pattern) if name not in one.times)
+            wanted |= dict.fromkeys((alias[count.first], alias[last]), both.union(keys))
+        return wanted
+
+    def _counted(self, one: QueriedScenario, last: Event, table: str) -> str:
+        """Return the table of the last events of a counted leaf, from that of its events."""
+        count, names = one.counts_of[last], rigid_variables(untimed(last.pattern)[0])
+        trace = [] if self.untraced else ["trace"]
+        keys = ", ".join([*trace, *(f"{self._column(name)}_key" for name in names)])
+        window = f"({f'PARTITION BY {keys} ' if keys else ''}ORDER BY pos)"
+        shown = [
+            f"lag({name}, {count.count - 1}) OVER w AS first_{name}" for name in ("pos", "time")[: 1 + count.timed]
+        ]
+        where = " WHERE time IS NOT NULL" if count.timed else ""
+        return self._table(f"SELECT *, {', '.join(shown)} FROM {table}{where} WINDOW w AS {window}", "count_")
+
     def _column(self, variable: str) -> str:
         return self._columns[variable]
 
-    def condition(self, pattern: Pattern, guards: Iterable[Guard]) -> str:
+    def condition(self, pattern: Pattern, guards: Iterable[Guard], rows: Rows | None = None) -> str:
         """Return the condition that an event matches a pattern with guards on it alone."""
         places: dict[str, tuple[Rows, Path]] = {}
-        conditions = self._tests([(self.rows, (), pattern)], places, 1)
+        conditions = self._tests([(rows or self.rows, (), pattern)], places, 1)
         for guard in guards:
             conditions.append(
                 self.guards.condition(guard, {name: self._term(*places[name]) for name in variables(guard)})
@@ -334,14 +449,17 @@ class SqlQuery:
         for guard, home in one.homes:
             if home is None and not (guard in windows and windows[guard][0] - one.tried):
                 where += self._near(one, guard, alias) or [self.guards.condition(guard, terms)]
+        where += self._absences(one, alias, terms, first_of)
         values = self._values(first_of)
-        references = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", " ".join([*where, values]))
-        wanted = {row: frozenset(column for other, column in references if other == row) for row in alias.values()}
-        tables = {name: self._leaf(one, name, places, wanted[row]) for name, row in alias.items()}
-        rows = {name: QueriedRow(table, {}) for name, table in tables.items()}
-        if self.first:
-            rows = self._firsts(one, tables, alias, wanted)
-        sources = [f"{rows[name].table} AS {row}" for name, row in alias.items()]
+        wanted = self._wanted(one, alias, " ".join([*where, values]))
+        tables = {
+            name: self._leaf(one, name, places, wanted[alias[name]]) for name in alias if name not in one.counts_of
+        }
+        tables |= {last: self._counted(one, last, tables[count.first]) for last, count in one.counts_of.items()}
+        alone = {name: QueriedRow(table, {}) for name, table in tables.items()}
+        rows = self._firsts(one, tables, alias, wanted) if self.first else alone
+        last_of = {alias[count.first]: alias[event] for event, count in one.counts_of.items()}
+        sources = [f"{rows[name].table} AS {row}" for name, row in alias.items() if row not in last_of]
         first, *others = alias.values()
         joins = [] if self.untraced else [f"{row}.trace = {first}.trace" for row in others]
         if self.first:  # join the events at the least positions for the values of variables
@@ -360,11 +478,145 @@ class SqlQuery:
             raise TooLarge("tables joined in a scenario", limit=TABLES)
         lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
         last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
+        decisions = [*self._decisions(one, alias)]
         trace = "" if self.untraced else f"{first}.trace, "
         what = f"{trace}{last} AS detected, {one.branch} AS branch,\n  {self._nodes(alias)} AS nodes{values}"
-        condition = "\n  AND ".join(dict.fromkeys([*joins, *where]))
+        what += "".join(f",\n  {decision} AS decided_{number}" for number, decision in enumerate(decisions, 1))
+        condition = "\n  AND ".join(
+            some for some in dict.fromkeys([*joins, *where]) if not _is_of_one_row(some, last_of)
+        )
         distinct = "DISTINCT " if self.first and not one.loose else ""
-        return f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
+        query = f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
+        query = _of_last(query, last_of)
+        return self._decided(query, len(decisions), values) if decisions else query
+
+    def _decided(self, query: str, decisions: int, values: str) -> str:
+        """Return the matches of a query whose clauses `after` are decided, detected where the last one is."""
+        names = [f"decided_{number}" for number in range(1, decisions + 1)]
+        last = f"{self.dialect.greatest}(detected, {', '.join(names)})"
+        shown = ["nodes", *re.findall(r" AS (v\d+_json|variables)\b", values)]
+        trace = "" if self.untraced else "trace, "
+        decided = " AND ".join(f"{name} IS NOT NULL" for name in names)
+        what = f"{trace}{last} AS detected, branch, {', '.join(shown)}"
+        return f"SELECT {what}\nFROM (\n{query}\n) AS match_\nWHERE {decided}"
+
+    # Absent events.
+
+    def _absences(
+        self,
+        one: QueriedScenario,
+        alias: Mapping[Event, str],
+        terms: Mapping[str, SqlTerm],
+        first_of: Mapping[str, str],
+    ) -> Iterator[str]:
+        """Yield the conditions that no event breaks a `without`."""
+        for number, (clause, part) in enumerate(one.absences, 1):
+            row, where = f"q{number}", list[str]()
+            begin, end = self._extreme("pos", part, alias, one)
+            if clause.duration is not None:
+                yield from (f"{alias[event]}.time IS NOT NULL" for event in part)
+            match clause.side:
+                case Side.DURING:
+                    if len(part) == 1:
+                        continue
+                    where += [f"{begin} < {row}.pos", f"{row}.pos < {end}"]
+                case Side.BEFORE:
+                    where.append(f"{row}.pos < {begin}")
+                    if clause.duration is not None:
+                        start, _ = self._extreme("time", part, alias, one)
+                        where.append(self._apart(start, "<=", f"{row}.time", clause.duration))
+                case Side.AFTER:
+                    where += [f"{end} < {row}.pos", *self._undecided(clause, part, row, alias, one)]
+                case _:
+                    assert_never(clause.side)
+            used = [other for event, other in alias.items() if compatible(clause.pattern, event.pattern)]
+            where += [f"{row}.pos <> {other}.pos" for other in used]
+            paths = variable_paths(clause.pattern)
+            names = rigid_variables(clause.pattern)
+            columns = {name: f"{row}.{self._column(name)}" for name in names}
+            where += [f"{columns[name]}_key = {first_of[name]}_key" for name in names if name not in clause.own]
+            guards = conjuncts(clause.guard)
+            alone = [guard for guard in guards if paths.keys() >= {*variables(guard)}]
+            binding = dict(terms)
+            for name in clause.own.intersection(names):
+                facets = {kind: f"{columns[name]}_{kind}" for kind in FACETS}
+                binding[name] = self.rows.variable(facets, paths[name])
+            where += [self.guards.condition(guard, binding) for guard in guards if guard not in alone]
+            wanted = {*re.findall(rf"\b{row}\.(v\d+_[a-z]+)", " ".join(where))}
+            table = self._absent(clause, alone, wanted)
+            trace = [] if self.untraced else [f"{row}.trace = {next(iter(alias.values()))}.trace"]
+            yield f"NOT EXISTS (SELECT 1 FROM {table} AS {row} WHERE {' AND '.join([*trace, *where])})"
+
+    def _absent(self, clause: Without, guards: Iterable[Guard], wanted: Set[str]) -> str:
+        """Return the table of the events that a clause excludes."""
+        source, rows = self.log
+        paths = variable_paths(clause.pattern)
+        columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos")]
+        for name in rigid_variables(clause.pattern):
+            facets = rows.facets(paths[name])
+            named = {f"{self._column(name)}_{kind}": expression for kind, expression in facets.items()}
+            names = [column for column in named if column in wanted]
+            columns += [f"{named[column]} AS {column}" for column in (names[:1] if self.typed else names)]
+        if clause.duration is not None:
+            columns.append(renamed(rows.time, "time"))
+        where = ["NOT late"] if self.late is not None else []
+        where.append(self.condition(clause.pattern, guards, rows))
+        return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {' AND '.join(where)}", "w")
+
+    def _undecided(
+        self, clause: Without, part: Sequence[Event], row: str, alias: Mapping[Event, str], one: QueriedScenario
+    ) -> Iterator[str]:
+        """Yield the conditions that a later event is in time, and that no event before it decides.
+
+        With `late`, an event in time after the deciding one is late.
+        """
+        _, end = self._extreme("time", part, alias, one)
+        yield self._apart(f"{row}.time", "<=", end, clause.duration or 0)
+        if self.lateness is None:
+            yield f"NOT EXISTS (SELECT 1 FROM {self._deciding(clause, part, alias, one)} AND d.pos < {row}.pos)"
+
+    def _decisions(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
+        """Yield the positions that decide the clauses `after`."""
+        for clause, part in one.absences:
+            if clause.side is Side.AFTER:
+                yield f"(SELECT min(d.pos) FROM {self._deciding(clause, part, alias, one)})"
+
+    def _deciding(
+        self, clause: Without, part: Sequence[Event], alias: Mapping[Event, str], one: QueriedScenario
+    ) -> str:
+        """Return the table `d` of times and the condition that an event decides a clause."""
+        source, rows = self.log
+        columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos"), renamed(rows.time, "time")]
+        query = f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {rows.time} IS NOT NULL"
+        _, last = self._extreme("pos", part, alias, one)
+        _, end = self._extreme("time", part, alias, one)
+        trace = [] if self.untraced else [f"d.trace = {alias[part[0]]}.trace"]
+        length = (clause.duration or 0) + (self.lateness or 0)
+        where = [*trace, f"{last} < d.pos", self._apart("d.time", ">", end, length)]
+        return f"{self._table(query, 'time_')} AS d WHERE {' AND '.join(where)}"
+
+    def _apart(self, later: str, sign: str, earlier: str, length: int) -> str:
+        """Return the comparison of the difference of two times with a duration."""
+        if length < _LONGEST:
+            return f"{later} {sign} {earlier} + {self.guards.literal(length).whole}"
+        return f"{later} - {earlier} {sign} {self.guards.literal(min(length, 2**63 - 1)).whole}"
+
+    def _extreme(
+        self, column: str, part: Sequence[Event], alias: Mapping[Event, str], one: QueriedScenario
+    ) -> tuple[str, str]:
+        """Return the least and the greatest value of a column in the events of a part."""
+        first, last = [*part], [*part]
+        if column == "pos":
+            first = [event for event in part if one.before[event].isdisjoint(part)]
+            last = [event for event in part if not any(event in one.before[other] for other in part)]
+        words = ((self.dialect.least_of, first), (self.dialect.greatest, last))
+        least, most = (
+            f"{alias[events[0]]}.{column}"
+            if len(events) == 1
+            else f"{word}({', '.join(f'{alias[event]}.{column}' for event in events)})"
+            for word, events in words
+        )
+        return least, most
 
     def _near(self, one: QueriedScenario, guard: Guard, alias: Mapping[Event, str]) -> list[str]:
         """Return a window of few events as bounds of each pair, which a join can use."""
@@ -493,3 +745,22 @@ class SqlQuery:
             for number, (name, value) in enumerate(items)
         ]
         return f"{' || '.join(fields)} || '}}'" if fields else "'{}'"
+
+
+def _of_last(query: str, last: Mapping[str, str]) -> str:
+    """Return a query with the columns of first events as those in the rows of the last ones."""
+    literal_or_column = re.compile(r"""'(?:[^']|'')*'|"(?:[^"]|"")*"|\b(e\d+)\.(\w+)""")
+
+    def named(found: re.Match[str]) -> str:
+        row, column = found[1], found[2]
+        if row not in last:
+            return found[0]
+        return f"{last[row]}.{f'first_{column}' if column in ('pos', 'time') else column}"
+
+    return literal_or_column.sub(named, query)
+
+
+def _is_of_one_row(condition: str, last: Mapping[str, str]) -> bool:
+    """Whether a condition says that values of the first and of the last event of a row are equal."""
+    found = re.fullmatch(r"(e\d+)\.(v\d+_key) = (e\d+)\.(v\d+_key)", condition)
+    return found is not None and found[2] == found[4] and last.get(found[3]) == found[1]

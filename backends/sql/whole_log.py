@@ -27,7 +27,7 @@ from rvaft.errors import NotExpressible, RvaftError, ToolFailed, unwritten
 from rvaft.model.assumptions import EXACT, AssumptionCheck, places, used_events
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.guards import Guard, Operation, Operator, walk
-from rvaft.model.nodes import Assumption, ValueType
+from rvaft.model.nodes import Assumption, Side, ValueType
 from rvaft.model.patterns import Literal, Pattern, Variable
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
@@ -60,7 +60,7 @@ class _LogBackend(SqlTableBackend):
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the query."""
         assert self._table is not None, "the table is made for the tree"
-        self.query = SqlQuery(prop, semantics, DIALECTS["duckdb"], limit, self._table)
+        self.query = SqlQuery(prop, semantics, DIALECTS["duckdb"], limit, self._table, ordered=True)
         return SpecificationText(*self.query.text())
 
 
@@ -82,6 +82,11 @@ class DuckDbEngine(QueryEngine):
     def __init__(self, plan: MonitoringPlan) -> None:
         failures()
         self.plan, self.types = plan, plan.monitors.types
+        absences = self.types.tree.absences
+        self.waits = any(clause.side is Side.AFTER for _, clause, _ in absences)
+        """Whether a later time decides a match."""
+        self.clocked = any(clause.duration is not None for _, clause, _ in absences)
+        """Whether the time of any event counts."""
         try:
             self._translate(plan.monitors.columns[0].part, plan.monitors.semantics)
         except NotExpressible as refusal:
@@ -94,6 +99,9 @@ class DuckDbEngine(QueryEngine):
         """Whether each pattern has a text in a discriminating field."""
         entries = [self._condition(letter.pattern) for what, _, letter in self.types.letters if what == "entry"]
         self.entry = f"({' OR '.join(f'({one})' for one in dict.fromkeys(entries))}) IS TRUE"
+        absent = [*entries, *(self._condition(pattern) for _, _, pattern in absences)]
+        self.concerns = f"({' OR '.join(f'({one})' for one in dict.fromkeys(absent))}) IS TRUE"
+        """The condition that a node or a `without` matches an event."""
 
     def _translate(self, part: RVAFT, semantics: Semantics) -> None:
         tree = self.types.tree
@@ -101,7 +109,10 @@ class DuckDbEngine(QueryEngine):
             raise NotExpressible(unwritten("a query does not tell when a verdict becomes false"))
         if tree.time is not None and tree.time.format not in (*UNITS, TimeFormat.ISO8601):
             raise NotExpressible(unwritten(f"DuckDB does not read times as {tree.time.format}"))
+        if self.plan.key is not None and self.waits:
+            raise NotExpressible(unwritten("with --key, times of other keys decide a `without … after`"))
         guards = [*(node.when for node in tree.top_down()), *(one.when for one in tree.ignores)]
+        guards += [clause.when for _, clause, _ in tree.absences]
         by_value = (one for guard in guards for one in walk(guard))
         if any(isinstance(one, Operation) and one.operator in _BY_VALUE for one in by_value):
             raise NotExpressible(unwritten("guards with *, / and number() may be undefined in some events only"))
@@ -259,7 +270,7 @@ class DuckDbAnswer(LogAnswer):
         engine, tree = self.engine, self.engine.types.tree
         entry, late = engine.entry, None if tree.time is None else tree.time.late
         unread = f"{entry} AND {'words' if tree.time is None else 'time IS NULL'}"
-        if late is not None:  # the greatest time is that of any event, not only of those that the tree matches
+        if late is not None or engine.clocked:  # the time of any event counts, not only of those that the tree matches
             unread = f"{unread} OR key IS NOT NULL AND time IS NULL AND timed"
         causes = {
             "has a value that a column cannot hold exactly": "odd",
@@ -279,6 +290,8 @@ class DuckDbAnswer(LogAnswer):
         if late is not None:
             back = f"max(time) OVER (PARTITION BY key ORDER BY pos ROWS UNBOUNDED PRECEDING) - time > {late}"
             rows = "key IS NOT NULL"
+        elif engine.clocked:
+            rows = "key IS NOT NULL AND time IS NOT NULL"
         back = f"SELECT pos FROM (SELECT pos, {back} AS back FROM log WHERE {rows}) WHERE back LIMIT 1"
         for (number,) in self._ask(back):
             raise Declined(f"the time goes back at event {number}")
@@ -322,6 +335,8 @@ class DuckDbAnswer(LogAnswer):
         whole, matches = len(monitors.columns) == 1, self._matches()
         if matches == []:
             return []
+        if self.engine.types.tree.absences:
+            return self._numbers_with_absences(matches, bounded=whole and not monitors.repeat)
         if matches is None or (monitors.repeat and not every):
             return self._numbers(None)
         first: dict[int, int] = {}
@@ -341,10 +356,29 @@ class DuckDbAnswer(LogAnswer):
                 known.append((numbers[0], last))
         return self._numbers(ranges)
 
-    def _numbers(self, ranges: Mapping[int, Sequence[tuple[int, int]]] | None) -> Iterator[int]:
+    def _numbers_with_absences(
+        self, matches: list[tuple[int, int, list[int]]] | None, *, bounded: bool
+    ) -> Iterator[int]:
+        """Yield the numbers of events that a match may have, that may break it, or at which it is detected.
+
+        Without late events, the latter are enough to decide it: times do not go back.
+        """
+        time = self.engine.types.tree.time
+        if matches is None or (self.engine.waits and time is not None and time.late):
+            return self._numbers(None, "true")
+        first: dict[int, int] = {}
+        for key, last, _ in matches:
+            first.setdefault(key, last)
+        detected = ", ".join(map(str, sorted({last for _, last, _ in matches})))
+        bounds = {key: [(0, last)] for key, last in first.items()} if bounded else None
+        return self._numbers(bounds, f"{self.engine.concerns} OR pos IN ({detected})")
+
+    def _numbers(
+        self, ranges: Mapping[int, Sequence[tuple[int, int]]] | None, condition: str | None = None
+    ) -> Iterator[int]:
         """Yield the numbers of events that a match may have, within increasing ranges of their keys."""
         left = {key: list(reversed(some)) for key, some in (ranges or {}).items()}
-        for number, key in self._places(f"{self.engine.entry} AND key IS NOT NULL"):
+        for number, key in self._places(f"({condition or self.engine.entry}) AND key IS NOT NULL"):
             some = left.get(key, [])
             while some and some[-1][1] < number:
                 some.pop()

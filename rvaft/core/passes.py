@@ -488,7 +488,8 @@ def _bind_times(prop: Property, _: int) -> Property:
 
     made = prop.with_root(prop.root).rewritten(change)
     late = prop.time is not None and prop.time.late is not None
-    return replace(made, time=prop.time if names or late else None)
+    absent = any(clause.duration is not None for clause in prop.absences)
+    return replace(made, time=prop.time if names or late or absent else None)
 
 
 def _variables(part: Part) -> tuple[str, ...]:

@@ -128,9 +128,10 @@ class TraceRun:
         for listener in self.listeners:
             listener.begin(watch)
 
-    def prepare(self) -> None:
-        """Prepare to read events from the current position."""
-        self.audience = Audience.of(self.listeners, one_by_one=self.one_by_one)
+    def prepare(self, *, one_by_one: bool | None = None) -> None:
+        """Prepare to read events from the current position; `one_by_one` is by default that of the plan."""
+        one_by_one = self.one_by_one if one_by_one is None else one_by_one
+        self.audience = Audience.of(self.listeners, one_by_one=one_by_one)
         self._notified, self._verdicts = self.number, self.watch.monitors.verdicts
 
     @property

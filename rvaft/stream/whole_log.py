@@ -153,7 +153,7 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
 
 def read(run: TraceRun, answer: LogAnswer) -> Iterator[bool]:
     """Step the monitors over the selected events, and pause after each; notify as `run.read` does."""
-    run.prepare()
+    run.prepare(one_by_one=run.keys is not None)  # of one trace, all verdicts change at selected events
     answer.begin(run.buffer)
     reads, types, keys = run.plan.reads, run.plan.monitors.types, run.keys
     watch: MonitoredTrace | None = run.watch

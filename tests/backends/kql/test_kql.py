@@ -11,11 +11,11 @@ import pytest
 from backends.kql import KqlBackend
 from cross_check.comparison import cross_check
 from cross_check.results import Status
-from rvaft import RVAFT, OptionError, Semantics, ToolFailed, loads
+from rvaft import RVAFT, OptionError, Semantics, ToolFailed, Verdict, loads
 from rvaft.backend import SpecificationText, backend
 from rvaft.core.property import Property
 from rvaft.model.assumptions import first_violation
-from rvaft.semantics import matches
+from rvaft.semantics import Reference, matches
 from tests.cli.runs import run
 from tests.trees import shipped
 
@@ -37,6 +37,12 @@ TREES = {
     "window": "time t as ms; top 2of3 a b c within 1500 ms; a on login(U, _, _, _); b on su(U, _); c on su(_, 2);",
     "counted": "time t as ms; top sand a p within 4 s; a on login(_, _, _, _) times 2; "
     "p pand b c; b on su(U, 1); c on su(_, _);",
+    "without": "time t as ms; top sand a b within 3 s without login(_, K, _, _) without su(V, M) when M > K and V == U "
+    "for 1500 ms before; a on login(U, K, _, _); b on su(U, N);",
+    "without after": "time t as ms; top sand a b; a on login(U, _, _, W) without su(U, N) when N > W for 1 s after; "
+    "b on su(_, _) without login(_, _, true, _) for 500 ms after;",
+    "without after, in order": "time t as ms late 1 s; top or a b; a on login(U, _, _, _) without su(V, _) when V != U "
+    "for 1 s after; b on su(_, 3) without su(_, 3) before;",
     "points": "time t as ms; top or p q; p and a b when at(b) - at(a) >= 1 s;  "
     "a on login(_, 1, _, _); b on su(_, _); q and c d when end(q) - start(q) < 1500 ms; c on su(_, 1); "
     "d on login(_, _, true, _) times 2;",
@@ -85,7 +91,8 @@ def test_a_table_of_any_shape_has_the_matches_of_the_definition(name: str, shape
     text = language.translate(tree, SCATTERED).text
     logs = [*traces(tree, 80)]
     expected = [matches(tree, SCATTERED, trace) for trace in logs]
-    firsts = [min((max(n for _, n in match) for match in found), default=None) for found in expected]
+    verdicts = [[*Reference(tree, SCATTERED).run(trace)] for trace in logs]
+    firsts = [run.index(Verdict.TRUE) + 1 if Verdict.TRUE in run else None for run in verdicts]
     assert language.read(text).first_detections(logs) == firsts, text
     found = language.matches(text, logs)
     assert (found is None) == (name == "votes")

@@ -16,7 +16,7 @@ QUERY = re.compile(
     r"  ONE ROW PER MATCH AFTER MATCH SKIP TO NEXT ROW PATTERN \((?P<pattern>.*)\)\n"
     r"  DEFINE (?P<conditions>.*)\)"
 )
-DEFINED = re.compile(r"(?:^|, )(s|e\d+) AS ")
+DEFINED = re.compile(r"(?:^|, )(s|[eg]\d+) AS ")
 
 
 def joined(query: str) -> str:
@@ -32,7 +32,14 @@ def joined(query: str) -> str:
         gap = names[names.index(one) + 1].startswith("g")
         order += [f"{one}.trace = {other}.trace", f"{one}.number {'<' if gap else '+ 1 ='} {other}.number"]
     _, *defined = DEFINED.split(found["conditions"])
-    conditions = [f"({condition})" for condition in defined[1::2]]
+    conditions = list[str]()
+    for name, condition in zip(defined[::2], defined[1::2], strict=True):
+        if name[0] != "g":
+            conditions.append(f"({condition})")
+            continue
+        one, other = (f"e{int(name[1:]) + more}" for more in (0, 1))
+        place = f"{name}.trace = {one}.trace AND {one}.number < {name}.number AND {name}.number < {other}.number"
+        conditions.append(f"NOT EXISTS (SELECT 1 FROM {table} AS {name} WHERE {place} AND ({condition}) IS NOT TRUE)")
     tables = ", ".join(f"{table} AS {name}" for name in aliases)
     return (
         f"SELECT {found['last']}.trace, {found['last']}.pos FROM {tables} WHERE {' AND '.join([*order, *conditions])}"

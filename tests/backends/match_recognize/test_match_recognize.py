@@ -2,6 +2,7 @@
 Flink where it is installed.
 """
 
+import re
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
@@ -90,6 +91,32 @@ def test_the_conditions_say_what_the_definition_says() -> None:
         assert first_detections(text, traces) == wanted, text
         detections += sum(one is not None for one in wanted)
     assert detections > 100
+
+
+ABSENT = {
+    "values of the match": 'top sand a b without p(Q, W) when W > V and Q != U; a on p(U, V); b on p(U, "s");',
+    "any value": "top and a b c without e(_); a on p(1, _); b on p(2, _); c on p(3, _);",
+    "part of a match": "top sand x c; x sand a b without p(_, Q) when Q == 3; a on p(U, 1); b on p(U, 2); "
+    "c on p(_, 3);",
+    "events of the match": "top and x c; x and a b without p(3, _); a on p(1, V); b on p(2, V); c on p(3, _);",
+    "a choice": "top or x y; x sand a b without p(3, _); y 2of3 a b c without p(_, 2); a on p(1, 1); b on p(2, 1); "
+    "c on p(3, 3);",
+}
+
+
+@pytest.mark.parametrize("name", ABSENT)
+def test_absent_events_are_conditions_on_skipped_rows(name: str) -> None:
+    tree, random = loads(EVENTS + ABSENT[name]), Random(name)
+    text = emitted(tree)
+    values = (1, 2, 3)
+    events: list[Json] = [{"v": v, "w": w} for v in values for w in (*values, "s")] + [{"e": 0}]
+    traces = [[random.choice(events) for _ in range(7)] for _ in range(150)]
+    wanted = [first(tree, Semantics.SCATTERED, one) for one in traces]
+    assert first_detections(text, traces) == wanted, text
+    assert any(wanted)
+    without = re.sub(r", g\d+ AS [^\n]* IS NOT TRUE", "", text)
+    assert without != text
+    assert first_detections(without, traces) != wanted
 
 
 def odd_tree(odd: str) -> RVAFT:

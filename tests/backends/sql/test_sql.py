@@ -8,6 +8,7 @@ import shutil
 import sqlite3
 from importlib.util import find_spec
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import pytest
@@ -47,6 +48,49 @@ READING = [
     SqlBackend(),
     pytest.param(SqlDuckdbBackend(), marks=pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")),
 ]
+
+
+COUNTED = {
+    "in a window": 'top and f within 3 s; f on e("a", U) times 3;',
+    "before another": 'top sand g b; g and f within 4 s; f on e("a", U) times 3; b on e("b", U);',
+    "after another": 'top sand b f within 5 s; f on e("a", U) when U > 0 times 4; b on e("b", _);',
+    "absences": 'top sand f b; f on e("a", U) times 3 without e("b", V) when V >= U; b on e("c", _) without e("b", _) '
+    "for 1 s before;",
+    "an absence after": 'top and f b; b on e("c", _) without e("b", _) for 2 s after; f on e("a", U) times 3 '
+    'without e("c", _) for 1 s after;',
+    "an absence before": 'top and f b; f on e("a", U) times 3 without e("b", _) before; b on e("c", _);',
+    "absence of its own events": 'top and f; f on e("a", U) times 3 without e(_, V) when V != U;',
+    "ends": 'top pand f g; f on e("a", U) times 3; g and b c; b on e("b", _); c on e("c", _);',
+    "events of another node": 'top and f g; f on e("a", U) times 3; g on e("a", U);',
+    "another condition on times": 'top and f g when end(f) <= start(g) + 1 s; f on e("a", U) times 3; g on e("b", U);',
+    "different values": 'top sand f g; f on e("a", U) times 3 distinct U; g on e("b", _);',
+}
+ONE_ROW = ("in a window", "before another", "after another", "absences", "an absence after")
+
+
+@pytest.mark.parametrize("late", ["late 0 s", "late 1 s", ""])
+@pytest.mark.parametrize("name", COUNTED)
+@pytest.mark.parametrize("language", READING)
+def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
+    """As one row where that makes no difference, on events with equal, missing and earlier times."""
+    head = "event e(n, u) = { event: n, u: u };"
+    tree = loads(f"{head} time t as s {late}; {COUNTED[name]}")
+    specification = language.translate(tree, Semantics.SCATTERED)
+    if late == "late 0 s":
+        assert ("lag(" in specification.text) == (name in (*ONE_ROW, "ends"))
+    random, traces = Random(f"{name} {late}"), list[list[Any]]()
+    for _ in range(120):
+        now, trace = 0, list[Any]()
+        for _ in range(random.randrange(4, 11)):
+            now += random.choice((0, 0, 1, 1, 2, random.choice((-1, 1))))
+            event = {"event": random.choice("aaaabc"), "u": random.choice((0, 1, 1, 1.0, 2))}
+            trace.append(event if random.random() < 0.06 else {**event, "t": now})
+        traces.append(trace)
+    verdicts = [[*Reference(tree, Semantics.SCATTERED).run(trace)] for trace in traces]
+    wanted = [run.index(Verdict.TRUE) + 1 if Verdict.TRUE in run else None for run in verdicts]
+    monitor = specification.monitor()
+    assert monitor.first_detections(traces) == wanted, specification.text  # type: ignore[attr-defined]
+    assert any(wanted)
 
 
 def tree_with(text: str) -> tuple[RVAFT, list[Any]]:

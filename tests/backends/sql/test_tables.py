@@ -35,6 +35,10 @@ TREES = {
         e on su(X, K) when K > 1 or startswith(X, "b"); ignore su("carl", _);""",
     "ordered": """time t as ns; top and a b; a on login(_, _, true, _) times 3; b sand c d; c on su("carl", _);
         d on su(_, 2);""",
+    "absent": """time t as s late 2 s; top or p q; p sand a b without login(U, K, _, _) when K > N
+        without su(V, K) when V != U and K > N for 3 s before; a on login(U, N, _, _); b on su(U, _);
+        q and c d without su(V, K) when V == X and K >= 2 for 2 s after; c on login(X, _, true, _);
+        d on login(X, _, false, _) without su("carl", _) before;""",
     "unequal": "top and a b; a on login(U, N, _, W); b on su(V, N) when V != U and max(N, 1) < W / 2 + abs(N);",
 }
 SHAPES: dict[str, dict[str, Any]] = {
@@ -171,6 +175,8 @@ REFUSED = {
     ),
     "event e(u: text) = { u: u }; event f(v: integer) = { v: v }; assume types, present; top and a b; a on e(U); "
     "b on f(U);": "columns of two types are not compared",
+    "event e(u: text) = { u: u }; event f(v: integer) = { v: v }; assume types, present; top and a; a on e(U) "
+    "without f(U) before;": "columns of two types are not compared",
 }
 
 
@@ -179,6 +185,15 @@ def test_what_columns_cannot_hold_is_refused(text: str) -> None:
     with pytest.raises(NotExpressible, match=r"\S") as refusal:
         backend("sql-table").translate(loads(text), Semantics.SCATTERED)
     assert REFUSED[text] in str(refusal.value)
+
+
+def test_a_subquery_on_times_is_not_written_by_sqlglot() -> None:
+    text = (
+        "time t as s; event e(u: text) = { u: u }; assume types, present; top on e(U) without e(V) when V != U for 1 s"
+    )
+    language = SqlBackend().mapped({"table": "log", "position": "id", "time": "ts:s", "dialect": "trino"})
+    with pytest.raises(NotExpressible, match=r"`without … after` is a subquery .* does not write for trino \(at top\)"):
+        language.translate(loads(f"{text} after;"), Semantics.SCATTERED)
 
 
 WRONG = {

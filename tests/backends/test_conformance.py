@@ -42,7 +42,7 @@ from rvaft.model.patterns import Pattern, SomeItem
 from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
-from tests.backends.texts import ABSENT, SHAPES, agreeing, readable, signs
+from tests.backends.texts import SHAPES, agreeing, readable, signs, writes_absence
 from tests.semantics.cases import CASES
 
 
@@ -82,7 +82,7 @@ another form, with tests of its own.
 
 
 def required(name: str) -> Required:
-    return lambda one, semantics: (name in ABSENT or not one.tree.absences) and NEEDED[name](one, semantics)
+    return lambda one, semantics: writes_absence(name, one.tree, semantics) and NEEDED[name](one, semantics)
 
 
 REQUIRED: dict[str, Required] = {name: required(name) for name in NEEDED}
@@ -226,7 +226,7 @@ EMITTED = sorted(one.name for one in map(backend, all_backends()) if not one.rea
 @pytest.mark.parametrize("name", EMITTED)
 def test_what_is_only_emitted_is_translated_or_refused(name: str, trees: Sequence[conformance.Example]) -> None:
     def required(one: conformance.Example, semantics: Semantics) -> bool:
-        if one.tree.absences and name not in ABSENT:
+        if not writes_absence(name, one.tree, semantics):
             return False
         said = name == "match-recognize" or (name == "mfotl" and semantics is Semantics.SCATTERED)
         no_variables = conformance.no_variables_of_items(one, semantics)

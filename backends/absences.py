@@ -1,11 +1,13 @@
 """Absent events (`without`) in one order of a match: which events are absent in which gap."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import assert_never
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import NamedTuple, Self, assert_never
 
-from rvaft.core.property import Event, Property, Without
+from rvaft.backend import Observed
+from rvaft.core.property import Event, Part, Property, Without, with_parts
 from rvaft.core.scenarios import Scenario
-from rvaft.errors import NotExpressible, Reason
+from rvaft.errors import NotExpressible, Reason, unwritten
+from rvaft.model.guards import variables
 from rvaft.model.nodes import Side
 from rvaft.model.verdict import Semantics
 
@@ -70,6 +72,55 @@ def refuse(prop: Property, reasons: Mapping[str, Reason]) -> None:
                 raise NotExpressible(reasons[name], nodes=[clause.source.node])
 
 
-def is_vacuous(clause: Without, semantics: Semantics) -> bool:
-    """Whether every match holds the clause: under `strict` a match uses all positions up to its end."""
-    return semantics is Semantics.STRICT and clause.duration is None
+def without_absences(prop: Property, dropped: Callable[[Without], bool]) -> Property:
+    """Return the property without these clauses."""
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        return parts[0] if isinstance(part, Without) and dropped(part) else with_parts(part, parts)
+
+    return prop.rewritten(change) if any(map(dropped, prop.absences)) else prop
+
+
+def without_vacuous(prop: Property, semantics: Semantics) -> Property:
+    """Return the property without the clauses that every match holds: under `strict`, where a match uses
+    all positions up to its end, those without a duration.
+    """
+    return without_absences(prop, lambda one: semantics is Semantics.STRICT and one.duration is None)
+
+
+def observed(clause: Without) -> Observed:
+    """Return what breaks a clause, with its own variables as those of one event."""
+    return Observed(clause.pattern, clause.guard).untied(sorted(clause.own))
+
+
+class OpenClauses(NamedTuple):
+    """The events of the clauses of one scenario, as bits of `scenario.events`."""
+
+    parts: tuple[tuple[Without, int], ...]
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Self:
+        """Return the clauses of a scenario, in a stable order."""
+        masks: dict[Without, int] = {}
+        clauses = clauses_of(scenario)
+        for place, event in enumerate(scenario.events):
+            for clause in clauses[event]:
+                masks[clause] = masks.get(clause, 0) | 1 << place
+        return cls(tuple(masks.items()))
+
+    def after(self, done: int) -> list[Without]:
+        """Return the clauses `during` that an event can break when these events of a match are there."""
+        return [clause for clause, mask in self.parts if mask & done and mask & ~done]
+
+
+def refuse_timeless(prop: Property) -> None:
+    """Raise `NotExpressible` for clauses that texts over slices do not say."""
+    refuse(prop, {"duration": unwritten("absent events are written without durations")})
+    for clause in prop.absences:
+        nodes = [clause.source.node]
+        if clause.side is Side.BEFORE:
+            why = "after an event that is absent `before`, the text would be false at once, and the tree is not"
+            raise NotExpressible(unwritten(why), nodes=nodes)
+        if clause.own.intersection(variables(clause.guard)):
+            why = "guards of absent events are written over variables of the tree alone"
+            raise NotExpressible(unwritten(why), nodes=nodes)

@@ -88,7 +88,7 @@ def without_vacuous(prop: Property, semantics: Semantics) -> Property:
     return without_absences(prop, lambda one: semantics is Semantics.STRICT and one.duration is None)
 
 
-def observed(clause: Without) -> Observed:
+def breaking_event(clause: Without) -> Observed:
     """Return what breaks a clause, with its own variables as those of one event."""
     return Observed(clause.pattern, clause.guard).untied(sorted(clause.own))
 

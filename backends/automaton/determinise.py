@@ -6,6 +6,8 @@ prefix.
 - `scattered`: events may be skipped, and a dominated residual is dropped. Every move leaves fewer
   occurrences, so the only cycles are self-loops.
 - `consecutive`: every state includes the initial residuals, so the graph has cycles.
+
+An absent event removes the residuals that it breaks, so that the graph has cycles under `scattered`, too.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from backends.automaton.letters import FeasibleLetters
+from backends.automaton.partial_matches import PartialMatches
 from rvaft.core.residual import Move, Residual, ResidualSpace
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
@@ -69,7 +72,9 @@ class Automaton:
         return order
 
 
-def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work, semantics: Semantics) -> Automaton:
+def determinised(
+    residuals: ResidualSpace | PartialMatches, letters: FeasibleLetters, work: Work, semantics: Semantics
+) -> Automaton:
     """Return the automaton of the residuals; raises `TooLarge`."""
     scattered = semantics is Semantics.SCATTERED
     number: dict[frozenset[Residual], int] = {}
@@ -93,9 +98,9 @@ def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work,
         configurations = sorted(state)
         kept = configurations if scattered else start if semantics is Semantics.CONSECUTIVE else ()
         successors = _Successors(residuals, configurations, kept, scattered=scattered, work=work)
-        row = StateRow(mask_of(successors.by_atom), {}, {})
+        row = StateRow(mask_of(successors.by_atom) | successors.breaking, {}, {})
         for atoms in letters.over(row.sees):
-            row.asks[atoms] = union(successors.guards[atom] for atom in bits(atoms))
+            row.asks[atoms] = union(successors.guards.get(atom, 0) for atom in bits(atoms))
             for holding in _subsets(row.asks[atoms]):
                 after = successors.of(atoms, holding)
                 row.targets[atoms | holding] = DETECTED if after is None else numbered(after)
@@ -116,7 +121,7 @@ class _Successors:
 
     def __init__(
         self,
-        residuals: ResidualSpace,
+        residuals: ResidualSpace | PartialMatches,
         state: Sequence[Residual],
         kept: Sequence[Residual],
         *,
@@ -133,15 +138,19 @@ class _Successors:
         self.guards = {atom: union(one.needed | one.noted for one in own) for atom, own in self.by_atom.items()}
         """The guards that matter for each true atom."""
         self._kept = kept
+        self._absent = [residuals.absent(one) if isinstance(residuals, PartialMatches) else 0 for one in kept]
+        self.breaking = union(self._absent)
+        """The atoms of events that break a residual which is kept otherwise."""
         self._found = list(kept)
-        self._bit = {} if scattered else {one: 1 << number for number, one in enumerate(kept)}
+        known = not scattered or self.breaking
+        self._bit = {one: 1 << number for number, one in enumerate(kept)} if known else {}
         self._worse = [0] * len(self._found)  # for each residual, the residuals that it dominates
         self._reached: dict[tuple[int, int], int | None] = {}
         self._best: dict[int, frozenset[Residual]] = {}
 
     def of(self, atoms: int, holding: int) -> frozenset[Residual] | None:
-        together = (1 << len(self._kept)) - 1
-        for atom in bits(atoms):
+        together = mask_of(number for number, absent in enumerate(self._absent) if not absent & atoms)
+        for atom in bits(atoms & mask_of(self.by_atom)):
             case = atom, holding & self.guards[atom]
             if case not in self._reached:
                 self._reached[case] = self._lead(*case)
@@ -173,7 +182,8 @@ class _Successors:
         bit, worse = 1 << len(self._found), 0
         if self._scattered:
             self._work.step(len(self._found) * (10 + self._residuals.width // 50))
-            if any(dominates(other, configuration) for other in self._kept):
+            lasting = (other for other, absent in zip(self._kept, self._absent, strict=True) if not absent)
+            if any(dominates(other, configuration) for other in lasting):
                 return 0
             for index, other in enumerate(self._found):
                 if dominates(other, configuration):

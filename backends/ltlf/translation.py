@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from typing import Final, assert_never
 
-from backends.absences import OpenClauses, observed
+from backends.absences import OpenClauses, breaking_event
 from backends.ltlf.composition import Composer
 from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
 from backends.ltlf.parts import Anatomy, GuardsOf, settled, simplified
@@ -125,7 +125,7 @@ class Translation:
             rest = yield steps(done)
             waiting = [f.negation(relevant)] if self._semantics.projects else []
             for clause in clauses.after(done):
-                breaking, rank = observed(clause), len(self._place)
+                breaking, rank = breaking_event(clause), len(self._place)
                 guards = () if breaking.when is None else (breaking.when,)
                 waiting.append(f.negation(self._atom(breaking.pattern, guards, f"{clause.source.node}_absent", rank)))
             match self._semantics:
@@ -142,7 +142,8 @@ class Translation:
                 case _:
                     assert_never(self._semantics)
 
-        return run(begun(0))
+        whole: int = run(begun(0))
+        return whole
 
     def _relevance(self) -> int:
         wanted = "rel"

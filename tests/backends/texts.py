@@ -1,7 +1,7 @@
 """Backends, trees and verdicts as words, for the tests of all backends."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib.util import find_spec
 from typing import Any, Final
 
@@ -13,6 +13,8 @@ from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from cross_check.participants import detected, detections
 from rvaft import RVAFT, Backend, Gate, Monitor, Node, NotExpressible, Semantics, TooLarge, Verdict, dumps, loads
 from rvaft.model.assumptions import first_violation
+from rvaft.model.guards import variables
+from rvaft.model.nodes import Side, Without
 from rvaft.model.values import Json, is_finite
 from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
@@ -20,9 +22,6 @@ from rvaft.semantics import Reference
 needs_spot: Final = pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot (spottl)")
 needs_compiler: Final = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 SPOT: Final = (pytest.mark.spot, needs_spot)
-
-ABSENT: Final = frozenset({"mtl"})
-"""The backends that write absent events (`without`), at least those of `writes_absence`."""
 
 SHAPES = {
     "plain": PLAIN,
@@ -34,10 +33,36 @@ SHAPES = {
 }
 
 
+def _without_durations(tree: RVAFT, semantics: Semantics) -> bool:
+    return all(clause.duration is None for _, clause, _ in tree.absences)
+
+
+def _of_ltlf(tree: RVAFT, semantics: Semantics) -> bool:
+    """Between two events, without guards over variables of their own; under `strict` nothing is there."""
+
+    def is_written(clause: Without) -> bool:
+        return clause.side is Side.DURING and not tree.own_variables(clause).intersection(variables(clause.when))
+
+    written = semantics is Semantics.STRICT or all(is_written(clause) for _, clause, _ in tree.absences)
+    return written and _without_durations(tree, semantics)
+
+
+def _of_automata(tree: RVAFT, semantics: Semantics) -> bool:
+    unguarded = semantics is Semantics.STRICT or all(clause.when is None for _, clause, _ in tree.absences)
+    return unguarded and not semantics.projects and _of_ltlf(tree, semantics)
+
+
+ABSENCES: Final[dict[str, Callable[[RVAFT, Semantics], bool]]] = {
+    "automaton": _of_automata,
+    "ltlf": _of_ltlf,
+    "mtl": _without_durations,
+}
+"""The trees whose absent events a backend must write, if it could write the tree without them."""
+
+
 def writes_absence(name: str, tree: RVAFT, semantics: Semantics) -> bool:
-    """Whether a backend must write the absent events of a tree that it could write without them."""
-    clauses = [clause for node in tree.top_down() for clause in node.without]
-    return not clauses or (name in ABSENT and all(clause.duration is None for clause in clauses))
+    """Whether a backend must write a tree if it could write it without its absent events."""
+    return not tree.absences or (name in ABSENCES and ABSENCES[name](tree, semantics))
 
 
 def readable(*names: str) -> list[Any]:

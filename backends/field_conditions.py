@@ -5,7 +5,6 @@ A dialect is a subclass with a template per kind of test; it refuses tests witho
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from enum import Enum
 from typing import ClassVar, TypeAlias
 
@@ -228,12 +227,3 @@ def disjunction(texts: Iterable[str], word: str, always: str, never: str, operan
     if always in found:
         return always
     return f"({word.join(map(operand, found))})" if len(found) > 1 else next(iter(found), never)
-
-
-@contextmanager
-def naming(node: str) -> Iterator[None]:
-    """Add the node to a refusal without nodes."""
-    try:
-        yield
-    except NotExpressible as refusal:
-        raise NotExpressible(refusal.why, nodes=refusal.nodes or [node]) from None

@@ -10,12 +10,8 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import comb
-from typing import Final, NoReturn, TypeAlias, assert_never
+from typing import TYPE_CHECKING, Final, NoReturn, TypeAlias, assert_never
 
-import networkx as nx
-
-from backends.orders import Orders
-from rvaft.core.part_numbers import PartKind
 from rvaft.core.property import (
     All,
     AtLeast,
@@ -24,6 +20,7 @@ from rvaft.core.property import (
     Event,
     One,
     Part,
+    PartKind,
     Property,
     Sequence,
     Times,
@@ -35,6 +32,9 @@ from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import Guard, conjuncts, variables
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.support.bits import bits
+
+if TYPE_CHECKING:
+    import networkx as nx
 
 Refusal: TypeAlias = Callable[[str, Iterable[str]], NoReturn]
 """Raises a refusal for nodes: a `TIE` of events, or a `WINDOW` over a duplicated part."""
@@ -136,6 +136,8 @@ def in_every_order(prop: Property, refusal: Refusal, *, limit: int) -> Nest:
     >>> [part.nodes() for part in in_every_order(property_of(loads("top and a b;")), refused, limit=9).parts]
     [['a', 'b'], ['b', 'a']]
     """
+    from backends.orders import Orders  # noqa: PLC0415 -- imported on use
+
     orders = Orders(prop, limit=limit, grouped=False)
     first: dict[tuple[Pattern, tuple[Guard, ...]], Nest] = {}
     words = dict[tuple[Nest, ...], None]()
@@ -187,6 +189,8 @@ class Nesting:
         if found == NOTHING:
             raise TreeError(f"a scenario of {root} has no event", rule="silent-scenario", nodes=[root])
         if found == NEVER:  # guards with variables may never hold in a feasible scenario
+            from backends.orders import Orders  # noqa: PLC0415 -- imported on use
+
             next(Orders(self._prop, limit=self._limit, grouped=False).scenarios())
         return found
 
@@ -285,8 +289,12 @@ class Nesting:
     # One scenario after the other.
 
     def _scenarios(self, root: Part) -> Iterator[Nest]:
+        import networkx as nx  # noqa: PLC0415 -- imported on use
+
         if inside := [one.source.node for one in parts_below(root) if isinstance(one, Within)]:
             self._refuse(WINDOW, inside)
+        from backends.orders import Orders  # noqa: PLC0415 -- imported on use
+
         orders = Orders(self._prop.with_root(root), limit=self._limit, grouped=False)
         self._made = 0
         with suppress(TreeError):  # no feasible scenario
@@ -310,7 +318,9 @@ class Nesting:
                 elif guards is not None:
                     yield NOTHING
 
-    def _arranged(self, leaves: Mapping[Event, Nest], order: nx.DiGraph) -> Nest:
+    def _arranged(self, leaves: Mapping[Event, Nest], order: "nx.DiGraph") -> Nest:
+        import networkx as nx  # noqa: PLC0415 -- imported on use
+
         if len(leaves) == 1:
             self._made += 1
             self._fits(self._made)

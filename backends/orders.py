@@ -142,6 +142,8 @@ class Orders:
         scenarios.
         """
         events, known = scenario.events, scenario.before
+        if (len(events) + 1) * (len(events) + 2) // 2 > self._left:  # the steps of the prefixes of one word
+            raise TooLarge("events in all possible orders", limit=self._limit)
         needed, last = list(known), dict[Hashable, int]()
         after = [0] * len(events)
         for one, before in enumerate(known):

@@ -38,7 +38,7 @@ from rvaft.model.patterns import (
 )
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json, Scalar
-from rvaft.rules import require_valid
+from rvaft.rules.validity import require_valid
 
 DEFAULT_STEPS: Final = 2_000
 """Default number of attempts."""

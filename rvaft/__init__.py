@@ -61,7 +61,8 @@ if TYPE_CHECKING:
         translate,
     )
     from rvaft.asynchronous import on_detection, watch
-    from rvaft.readers.registry import LogReader, UnknownFormat, all_readers, live_events, message_event, read_log
+    from rvaft.readers.bag import message_event
+    from rvaft.readers.registry import LogReader, UnknownFormat, all_readers, live_events, read_log
 
     __version__: str
 
@@ -129,12 +130,12 @@ __all__ = [
 
 _ELSEWHERE: Final = {
     "rvaft.asynchronous": ("on_detection", "watch"),
+    "rvaft.readers.bag": ("message_event",),
     "rvaft.readers.registry": (
         "LogReader",
         "UnknownFormat",
         "all_readers",
         "live_events",
-        "message_event",
         "read_log",
     ),
 }

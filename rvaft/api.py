@@ -1,6 +1,7 @@
 """The functions of `import rvaft` and the types that they take and return.
 
-`branch` and `kind` restrict a tree to one branch, or to the branches of a kind.
+`branch` and `kind` restrict a tree to one branch, or to the branches of a kind. The engine and
+drawings are imported on use: a translation needs neither.
 """
 
 import os
@@ -11,7 +12,6 @@ from typing import Any, Final, TypeVar, Unpack
 from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
 from rvaft.core.branches import Branch
 from rvaft.core.branches import branches as branches_of
-from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
 from rvaft.errors import (
     CheckpointError,
     LanguageError,
@@ -28,17 +28,26 @@ from rvaft.errors import (
     WrongType,
     expect,
 )
-from rvaft.export import dot_text, looking, picture
-from rvaft.export.property_text import property_text
-from rvaft.language.draft import Draft, no_collections
+from rvaft.language.draft import Draft
 from rvaft.language.parser import TreeOptions, parse, parse_file
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Side, Topic, Without
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Absence, Awaited, AwaitedAbsence, Ended, Explanation, Monitor, Pending, Repetition
-from rvaft.rules import check_draft, check_tree, require_valid, valid_part
+from rvaft.monitors import (
+    DEFAULT_LIMIT,
+    Absence,
+    Awaited,
+    AwaitedAbsence,
+    Ended,
+    Explanation,
+    Monitor,
+    Pending,
+    Repetition,
+)
 from rvaft.rules.rule import Finding, Severity
+from rvaft.rules.validity import check_draft, require_valid, valid_part
+from rvaft.support.collector import no_collections
 
 __all__ = [
     "RVAFT",
@@ -153,6 +162,8 @@ def monitor(
     expect("branch", branch, int | None, "an int")
     expect("limit", limit, int, "an int")
     expect("repeat", repeat, bool, "a bool")
+    from rvaft.engine.monitor import Engine  # noqa: PLC0415 -- imported on use
+
     expect("repeat_by", repeat_by, str | None, "a str")
     repeat = repeat or repeat_by is not None
     by = repeat_by or (tree.repeat_by if repeat else None)
@@ -168,6 +179,8 @@ def check(tree: RVAFT) -> list[Finding]:
     infeasible-scenario warning b
     """
     expect("tree", tree, RVAFT, _TREE)
+    from rvaft.rules.registry import check_tree  # noqa: PLC0415 -- imported on use
+
     return check_tree(tree)
 
 
@@ -204,6 +217,9 @@ def to_dot(
     True
     """
     expect("tree", tree, RVAFT, _TREE)
+    from rvaft.export.dot import dot_text  # noqa: PLC0415 -- imported on use
+    from rvaft.export.layout import looking  # noqa: PLC0415
+
     look = looking(
         tree,
         events=events,
@@ -219,14 +235,22 @@ def to_dot(
 
 
 def _notebook_svg(tree: RVAFT) -> str | None:
+    from rvaft.export.dot import picture  # noqa: PLC0415 -- imported on use
+
     try:
         return picture(to_dot(tree), "svg", timeout=20).decode()
     except (ToolMissing, ToolFailed):
         return None
 
 
+def _branch_text(branch: Branch) -> str:
+    from rvaft.export.property_text import property_text  # noqa: PLC0415 -- imported on use
+
+    return property_text(branch)
+
+
 RVAFT.notebook_svg = staticmethod(_notebook_svg)
-Branch.text = staticmethod(property_text)
+Branch.text = staticmethod(_branch_text)
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:
@@ -286,6 +310,8 @@ def _checked(draft: Draft) -> RVAFT:
     try:
         require_valid(tree)  # caches the result
     except TreeError:
+        from rvaft.rules.registry import check_tree  # noqa: PLC0415 -- imported on use
+
         _raise_first(check_tree(tree))
         raise
     return tree

@@ -64,6 +64,7 @@ class Feature(Enum):
 
     TIME_POINTS = "times of events in guards (`at`, `start`, `end`)"
     LATE = "dropping late events (`late`)"
+    OWN_VALUES = "values of each counted event (`distinct`, `each`)"
 
 
 JSON_VALUES: Final = frozenset({Value.NUMBER, Value.BOOLEAN, Value.NULL, Value.LIST})
@@ -242,6 +243,8 @@ def _needs(prop: Property, semantics: Semantics) -> Iterator[tuple[Capability, s
             yield type(part), node
         if isinstance(part, Event | Times):
             yield from ((value, node) for value in _values(part.pattern))
+        if isinstance(part, Times) and part.own:
+            yield Feature.OWN_VALUES, node
         if isinstance(part, Without):
             yield from ((need, node) for need in (*_values(part.pattern), *_of_guard(part.guard)))
         if isinstance(part, Condition):

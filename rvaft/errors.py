@@ -3,11 +3,15 @@ attributes.
 """
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from importlib import import_module
 from types import UnionType
-from typing import Any, NamedTuple, assert_never
+from typing import Any, Final, NamedTuple, assert_never
+
+_LONGEST: Final = 300
+"""Longer lines of a text are not quoted."""
 
 
 class RvaftError(Exception):
@@ -46,6 +50,16 @@ class LanguageError(RvaftError, ValueError):
     def __str__(self) -> str:
         where = f"{self.file}:{self.line}:{self.column}: {self.message}"
         return f"{where}\n{self.caret}" if self.caret else where
+
+
+def error_at(message: str, text: str, position: int, file: str) -> LanguageError:
+    """Return a `LanguageError` about a position of a text."""
+    start = text.rfind("\n", 0, position) + 1
+    end = text.find("\n", position)
+    line = text[start : end if end >= 0 else len(text)].rstrip("\r")
+    source = "".join(c if c.isprintable() or c == "\t" else "?" for c in line) if len(line) <= _LONGEST else ""
+    number = text.count("\n", 0, position) + 1
+    return LanguageError(message, file=file, line=number, column=position - start + 1, source=source)
 
 
 class TreeError(RvaftError, ValueError):
@@ -127,6 +141,15 @@ class NotExpressible(RvaftError, ValueError):
     def cause(self) -> Cause:
         """Whether the language or the writer is the cause."""
         return self.why.cause
+
+
+@contextmanager
+def naming(node: str) -> Iterator[None]:
+    """Add the node to a refusal without nodes."""
+    try:
+        yield
+    except NotExpressible as refusal:
+        raise NotExpressible(refusal.why, nodes=refusal.nodes or [node]) from None
 
 
 class TooLarge(RvaftError, RuntimeError):

@@ -50,7 +50,7 @@ class AutomatonBackend(Backend):
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
-    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM, Value.SOME_VARIABLE}
     ties: ClassVar[Ties] = Ties.ANY
     extensions: ClassVar[Mapping[Capability, str]] = {

@@ -20,9 +20,8 @@ from backends.automaton.hoa_writer import ALIVE, checksum
 from rvaft.backend import Observed
 from rvaft.core.classifier import Decided, PatternIndex
 from rvaft.core.times import timed
-from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, installed, unwritten
+from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, error_at, installed, unwritten
 from rvaft.export.certificates import EventConditions
-from rvaft.language.diagnostics import error_at
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard

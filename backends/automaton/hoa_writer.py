@@ -14,7 +14,7 @@ which tools skip, define the propositions:
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from hashlib import sha256
 from itertools import count
 from typing import Final, NamedTuple
@@ -187,11 +187,12 @@ def checksum(text: str) -> str:
 def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: Relevance | None) -> Iterator[str]:
     atoms = len(structure.patterns)
     names = [ALIVE] if relevance is None else [ALIVE, RELEVANT]
-    meanings = []
+    meanings, taken = [], set(names)
     for proposition, number in numbers.items():
         if proposition < atoms:
             pattern, time = untimed(structure.patterns[proposition])
-            names.append(_fresh(atom_name(structure.names[proposition]), names))
+            names.append(_fresh(atom_name(structure.names[proposition]), taken))
+            taken.add(names[-1])
             meanings.append(f"event: {number} {_quoted(pattern_text(pattern))}" + (f" {_quoted(time)}" if time else ""))
         else:
             names.append(f"guard_{number}")
@@ -206,7 +207,7 @@ def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: R
                 yield f"{word}: {_quoted(pattern_text(pattern))}{condition}"
 
 
-def _fresh(wanted: str, taken: list[str]) -> str:
+def _fresh(wanted: str, taken: Container[str]) -> str:
     return next(name for number in count(1) if (name := wanted if number == 1 else f"{wanted}_x_{number}") not in taken)
 
 

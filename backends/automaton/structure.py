@@ -11,8 +11,8 @@ from functools import cached_property
 from typing import assert_never
 
 from backends.absences import breaking_event, without_absences
-from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind, numbered
-from rvaft.core.property import Condition, Event, Property
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, numbered
+from rvaft.core.property import Condition, Event, PartKind, Property
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import Guard

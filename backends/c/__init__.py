@@ -45,7 +45,7 @@ class CBackend(Backend):
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, EndInOrder, Times, Within}
     operators: ClassVar[frozenset[Operator]] = OPERATORS
-    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES
     ties: ClassVar[Ties] = Ties.ANY
     reasons: ClassVar[Mapping[Capability, Reason]] = {

@@ -18,8 +18,7 @@ from typing import Any, Final, Never
 from lark import Token, Visitor
 from lark.exceptions import UnexpectedInput
 
-from rvaft.errors import installed
-from rvaft.language.diagnostics import error_at
+from rvaft.errors import error_at, installed
 from rvaft.model.values import Json, equal
 
 FILE: Final = "<eql>"

@@ -17,8 +17,7 @@ from threading import Lock
 from typing import Any, Final
 
 from backends.eql.queries import CATEGORY, FILE, FUNCTIONS, OPTIONAL, parsed, place
-from rvaft.errors import LanguageError, ToolFailed, TraceError, installed
-from rvaft.language.diagnostics import error_at
+from rvaft.errors import LanguageError, ToolFailed, TraceError, error_at, installed
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.expressions import time_text

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from typing import ClassVar, Final, cast
 
-from backends.field_conditions import FieldConditions, FieldPath, Lack, naming
+from backends.field_conditions import FieldConditions, FieldPath, Lack
 from backends.orders import Orders, merged
 from rvaft.core.property import Event, Part, Property, Within
 from rvaft.core.scenarios import Scenario
-from rvaft.errors import NotExpressible, Reason, TooLarge, cannot, unwritten
+from rvaft.errors import NotExpressible, Reason, TooLarge, cannot, naming, unwritten
 from rvaft.model.assumptions import declared
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text

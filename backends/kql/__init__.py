@@ -49,7 +49,7 @@ class KqlBackend(Backend):
         | {_O.ADD, _O.SUB, _O.NEGATE, _O.ABS, _O.MIN, _O.MAX}
         | {_O.STARTSWITH, _O.ENDSWITH, _O.CONTAINS, _O.LIKE}
     )
-    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
     ties: ClassVar[Ties] = Ties.ANY
     relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.EXACT})

@@ -17,8 +17,7 @@ from lark.exceptions import UnexpectedInput, UnexpectedToken
 
 from backends.tables import TableHeader, declared_time
 from rvaft.backend import Match
-from rvaft.errors import LanguageError, ToolFailed, TraceError
-from rvaft.language.diagnostics import error_at
+from rvaft.errors import LanguageError, ToolFailed, TraceError, error_at
 from rvaft.model.nodes import ValueType
 from rvaft.model.values import Json
 

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from backends.absences import refuse_timeless, without_vacuous
-from backends.ltlf.mona import MonaMonitor
 from backends.ltlf.monitor import LtlfMonitor, formal, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
@@ -44,7 +43,7 @@ class LtlfBackend(Backend):
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
-    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM, Value.SOME_VARIABLE}
     ties: ClassVar[Ties] = Ties.ANY
     extensions: ClassVar[Mapping[Capability, str]] = {
@@ -81,4 +80,6 @@ class LtlfBackend(Backend):
         """
         if tool not in self.tools:
             return super().read_with(tool, text, atoms=atoms)
+        from backends.ltlf.mona import MonaMonitor  # noqa: PLC0415 -- imported on use
+
         return MonaMonitor(text, atoms or {})

@@ -18,7 +18,8 @@ from typing import assert_never
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from backends.ltlf.parts import Anatomy
-from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind
+from rvaft.core.part_numbers import NumberedPart, NumberedParts
+from rvaft.core.property import PartKind
 from rvaft.core.residual import Residual, ResidualSpace
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import union

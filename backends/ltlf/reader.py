@@ -22,8 +22,7 @@ from typing import Any, Final
 
 from backends.ltlf.formulas import FALSE, TRUE, Formulas
 from rvaft.core.times import timed
-from rvaft.errors import LanguageError, installed
-from rvaft.language.diagnostics import error_at
+from rvaft.errors import LanguageError, error_at, installed
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import guard_text, pattern_text, time_text

@@ -122,7 +122,7 @@ class Translation:
             return f.disjunction(ways)
 
         def begun(done: int) -> Call[int]:
-            rest = yield steps(done)
+            rest: int = yield steps(done)
             waiting = [f.negation(relevant)] if self._semantics.projects else []
             for clause in clauses.after(done):
                 breaking, rank = breaking_event(clause), len(self._place)

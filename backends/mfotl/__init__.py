@@ -45,7 +45,7 @@ class MfotlBackend(Backend):
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
-    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.ANY
     default_limit: ClassVar[int] = 5_000

@@ -29,8 +29,7 @@ from lark.exceptions import UnexpectedInput
 from lark.visitors import Transformer_NonRecursive
 
 from rvaft.backend import Observed
-from rvaft.errors import LanguageError, TooLarge, TraceError, installed
-from rvaft.language.diagnostics import error_at
+from rvaft.errors import LanguageError, TooLarge, TraceError, error_at, installed
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import UNITS, EventTime
 from rvaft.model.guards import Operation, Operator

@@ -8,7 +8,6 @@ Python's sqlite3; translating needs PyYAML.
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
-from backends.sigma.reader import SigmaMonitor, with_time
 from backends.sigma.translation import SigmaRules
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, GATES, LOGICAL, Capability, Feature, Ties, Value
@@ -88,9 +87,13 @@ class SigmaBackend(Backend):
 
     def timed(self, text: str, time: EventTime) -> str:
         """Return the text with this declaration of times, unless it has one."""
+        from backends.sigma.reader import with_time  # noqa: PLC0415 -- imported on use
+
         return with_time(text, time)
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
         """Return a monitor for any rules, compiled by pySigma."""
+        from backends.sigma.reader import SigmaMonitor  # noqa: PLC0415 -- imported on use
+
         self.require()
         return SigmaMonitor(text)

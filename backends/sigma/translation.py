@@ -14,12 +14,10 @@ from functools import reduce
 from itertools import chain, combinations, product, takewhile
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
-from backends.field_conditions import naming
 from backends.nests import NEVER, WINDOW, Nest, Nesting, in_every_order
 from backends.sigma.rules import EventRule, detection_of
-from rvaft.core.part_numbers import PartKind
-from rvaft.core.property import Property, Within
-from rvaft.errors import NotExpressible, TooLarge, installed, unwritten
+from rvaft.core.property import PartKind, Property, Within
+from rvaft.errors import NotExpressible, TooLarge, installed, naming, unwritten
 from rvaft.export.rule_metadata import about, origin, rule_id, rule_metadata
 from rvaft.model.assumptions import Declared, declared
 from rvaft.model.expressions import time_text

@@ -49,7 +49,7 @@ class SqlBackend(Backend):
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
-    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE})
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.ANY
     highlighting: ClassVar[Highlighting | None] = Highlighting("SQL")
@@ -152,7 +152,7 @@ class SqlTableBackend(SqlBackend):
     name: ClassVar[str] = "sql-table"
     form_of: ClassVar[str | None] = "sql"
     tools: ClassVar[tuple[str, ...]] = ()
-    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS})
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
     relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.EXACT})
 

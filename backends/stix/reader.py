@@ -9,8 +9,7 @@ from types import SimpleNamespace
 from typing import Any, Final
 
 from backends.stix.observations import StixHeader
-from rvaft.errors import LanguageError, RvaftError, TooLarge, ToolFailed, installed
-from rvaft.language.diagnostics import error_at
+from rvaft.errors import LanguageError, RvaftError, TooLarge, ToolFailed, error_at, installed
 from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
 

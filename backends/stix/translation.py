@@ -6,13 +6,11 @@ from decimal import Decimal
 from itertools import groupby
 from typing import Final, NoReturn
 
-from backends.field_conditions import naming
 from backends.nests import NEVER, TIE, WINDOW, Nest, Nesting
 from backends.stix.comparisons import StixConditions, step
 from backends.stix.observations import EVENT, StixHeader, Way, property_of
-from rvaft.core.part_numbers import PartKind
-from rvaft.core.property import Property, Within
-from rvaft.errors import NotExpressible, unwritten
+from rvaft.core.property import PartKind, Property, Within
+from rvaft.errors import NotExpressible, naming, unwritten
 from rvaft.model.assumptions import declared
 from rvaft.model.patterns import Literal, ObjectPattern
 

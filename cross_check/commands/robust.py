@@ -14,15 +14,16 @@ from cross_check.commands.cross_check import progress
 from cross_check.generate.disturbances import near_miss
 from cross_check.generate.traces import PLAIN, NoTraceFound, detecting
 from rvaft.api import narrowed, resolve_semantics
-from rvaft.cli import FAILED, FOUND, Failures, options, warn
+from rvaft.cli import FAILED, FOUND, Failures, log_options, options, warn
 from rvaft.cli.monitor import limit_option
 from rvaft.core.classifier import TreeReads
-from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
+from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import DEFAULT_LIMIT
 from rvaft.readers.log import expanded
 from rvaft.readers.registry import read_log
 from rvaft.stream.pipeline import WHOLE
@@ -185,14 +186,14 @@ def _after(monitor: Engine, events: list[Json]) -> Verdict:
 @click.option("--seed", type=int, metavar="S", help="Without LOG: seed of the random generator.  [default: 0]")
 @options.number("--steps", default=STEPS, text="Maximum number of events that monitors read for one log and semantics.")
 @limit_option
-@options.log_format
+@log_options.log_format
 @options.output_format("text", "json")
 def robust_command(
     *,
     tree: str,
     logs: tuple[str, ...],
     semantics: tuple[Semantics, ...] | None,
-    log_format: options.LogFormat,
+    log_format: log_options.LogFormat,
     **given: Any,
 ) -> int:
     """Try each single loss, repetition and swap of events in the LOGs, and report which verdicts
@@ -239,7 +240,7 @@ def robust_command(
     return FAILED if failures.met else FOUND if any(one.found for one in sums.values()) else 0
 
 
-def _reading(part: RVAFT, log_format: options.LogFormat) -> Callable[[str], list[Json]]:
+def _reading(part: RVAFT, log_format: log_options.LogFormat) -> Callable[[str], list[Json]]:
     """Return the function from a file (`-`: standard input) to its events."""
     chosen, reads = log_format.options, TreeReads(part)
     named = {name: getattr(chosen, name) for name in ("records", "types", "pattern", "profile", "year")}

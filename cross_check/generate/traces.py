@@ -45,7 +45,7 @@ from rvaft.model.patterns import Anything, Binding, Literal, Pattern, match, rig
 from rvaft.model.tree import RVAFT, find_cycle, own_name, reachable
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.rules.rule import listing
+from rvaft.support.wording import listing
 
 
 def random_event(random: Random, tree: RVAFT, values: Sequence[Json]) -> Json:

@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import Final
 
 import rvaft
-from rvaft.export import Format, Look, draw
+from rvaft.export.drawing import draw
+from rvaft.export.formats import Format
+from rvaft.export.layout import Look
 
 FIGURES: Final[Mapping[str, tuple[str, Look]]] = {
     "figure4a": ("full.rvaft", Look(names=False, wrap=12, stagger=True)),

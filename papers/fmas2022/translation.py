@@ -83,6 +83,10 @@ class PaperBranch:
         """Return the children of a node that the branch keeps."""
         return (self.choices[name],) if name in self.choices else self.tree.nodes[name].children
 
+    def kept(self) -> list[str]:
+        """Return the nodes of the branch, parents before children."""
+        return sorted(reachable(self.tree.root, self.children), key=self.tree.rank.__getitem__)
+
 
 def or_gates(tree: RVAFT) -> list[str]:
     """Return the reachable `or` gates, breadth first."""
@@ -231,10 +235,11 @@ class PaperTerms:
     def term(self, branch: PaperBranch, events: Mapping[str, str]) -> str:
         """Return the term of a branch over the events of its nodes; empty without occurrences."""
         done: dict[str, str] = {}
-        for node in branch.tree.bottom_up():
+        last = len(branch.tree.order) - 1
+        for node in [branch.tree.nodes[name] for name in reversed(branch.kept())]:
             self._count(1)
-            children = branch.children(node.name)
-            below = self._joined(node, [done[c] for c in children if done[c]], f"V{branch.number}_{len(done)}")
+            children, place = branch.children(node.name), last - branch.tree.rank[node.name]
+            below = self._joined(node, [done[c] for c in children if done[c]], f"V{branch.number}_{place}")
             parts = [events.get(node.name, ""), below]
             in_order = parts if branch.tree.causality is Causality.TOP_DOWN else parts[::-1]
             done[node.name] = term = _sequence(part for part in in_order if part)
@@ -308,8 +313,7 @@ def _folded(branch: PaperBranch) -> dict[str, list[Guard]] | None:
             for variable in rigid_variables(pattern):
                 binder.setdefault(variable, name)
     place = {name: index for index, name in enumerate(guards)}
-    kept = set(reachable(tree.root, branch.children))
-    for guard in (guard for name in tree.order if name in kept and (guard := tree.nodes[name].when) is not None):
+    for guard in (guard for name in branch.kept() if (guard := tree.nodes[name].when) is not None):
         names = guard_variables(guard)
         if (not names and not holds(guard, {})) or any(name not in binder for name in names):
             return None

@@ -23,6 +23,7 @@ import click
 
 from rvaft.errors import LanguageError, RvaftError, ToolFailed
 from rvaft.support import output
+from rvaft.support.collector import exempt_all, no_collections
 from rvaft.support.terminal import cut, inert, visible
 
 S = TypeVar("S")
@@ -221,7 +222,8 @@ def loaded(name: str) -> click.Command:
     """Import a command; raises `ToolFailed`."""
     module, _, attribute = registered()[name].partition(":")
     try:
-        found = getattr(import_module(module), attribute)
+        with no_collections():
+            found = getattr(import_module(module), attribute)
     except Exception as error:
         reason = f"it cannot be loaded: {type(error).__name__}: {error}"
         raise ToolFailed(f"the command {name}", reason=reason) from error
@@ -314,6 +316,7 @@ class Commands(click.Group):
         if before is not None:
             signal.signal(signal.SIGTERM, before)
         if standalone_mode:
+            exempt_all()
             sys.exit(status)
         return status
 

@@ -18,11 +18,11 @@ from rvaft.errors import OptionError
 from rvaft.export.rule_metadata import rule_metadata
 from rvaft.model.values import Json, finite
 from rvaft.monitors import Explanation
-from rvaft.rules.rule import did_you_mean
 from rvaft.stream.detection import detection
 from rvaft.stream.keys import Field
 from rvaft.stream.listeners import VerdictChange
 from rvaft.support.terminal import readable_json, visible
+from rvaft.support.wording import did_you_mean
 
 ECS: Final = "8.11.0"
 OCSF: Final = "1.4.0"

@@ -14,8 +14,7 @@ from rvaft.cli import FAILED, FOUND, options, report
 from rvaft.errors import LanguageError, RvaftError
 from rvaft.language.parser import NoTree
 from rvaft.model.nodes import Place
-from rvaft.rules import RULES, check, explain, meanings
-from rvaft.rules.registry import SYNTAX
+from rvaft.rules.registry import RULES, SYNTAX, check, explain, meanings
 from rvaft.rules.rule import Finding, Severity
 from rvaft.support.terminal import columns, inert, readable_json, visible
 

@@ -7,10 +7,10 @@ from typing import Any, BinaryIO, Final, cast
 
 import click
 
-from rvaft.cli import FAILED, FOUND, Failures, options, warn
+from rvaft.cli import FAILED, FOUND, Failures, log_options, options, warn
 from rvaft.core.classifier import TreeReads
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
-from rvaft.engine.monitor import DEFAULT_LIMIT
+from rvaft.monitors import DEFAULT_LIMIT
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import Interest, Log, LogSource, expanded, required_stream, source_of
 from rvaft.stream.detection import identifying_fields
@@ -33,15 +33,15 @@ _CONFIGURATIONS: Final = "Maximum number of partial matches per branch."
     help="Exit with status 1 if a smaller share of the branches is exercised.",
 )
 @options.number("--max-configurations", "configurations", default=DEFAULT_LIMIT, text=_CONFIGURATIONS)
-@options.log_format
-@options.strict_json
+@log_options.log_format
+@log_options.strict_json
 @options.output_format("text", "json")
 def coverage_command(
     *,
     tree: str,
     logs: tuple[str, ...],
     fail_under: float | None,
-    log_format: options.LogFormat,
+    log_format: log_options.LogFormat,
     strict_json: bool,
     form: str,
     **chosen: Any,

@@ -1,6 +1,6 @@
 """`rvaft emit` writes a specification or draws the automaton; `rvaft backends` lists the languages."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
 from typing import Any, Final, Protocol, runtime_checkable
 
@@ -11,10 +11,8 @@ from rvaft.backend import Backend, UnknownBackend, all_backends, backend
 from rvaft.capabilities import table
 from rvaft.cli import options
 from rvaft.errors import OptionError, TooLarge, ToolFailed, ToolMissing
-from rvaft.export import PICTURES, Format, format_of, picture
-from rvaft.export.certificates import PROGRAM, certificate, on_path
-from rvaft.export.latex import listing
-from rvaft.model.nodes import Node
+from rvaft.export.formats import PICTURES, Format, format_of
+from rvaft.model.nodes import Kind, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.files import deliver
@@ -28,7 +26,7 @@ _DIALECT: Final = (
 _TO: Final = "A language that `rvaft backends` lists, or dot for a drawing of the automaton."
 
 _CERTIFY: Final = "Compare ltlf, automaton or rml with the tree for every trace, by the verified validator."
-_VERIFIED: Final = f"For --certify: this build of the verified monitor.  [default: {PROGRAM} on the PATH]"
+_VERIFIED: Final = "For --certify: this build of the verified monitor.  [default: rvaft-verified on the PATH]"
 
 
 @runtime_checkable
@@ -68,33 +66,18 @@ def emit_command(
     the exit status is 0 if it is, 1 if a trace shows a difference, and 2 if this is not decided.
     """
     options.refuse(verified is not None and not certify, "--verified is for --certify: add it")
-    drawing = None if output is None else format_of(output)
-    drawn, suffix = drawing in (*PICTURES, Format.DOT), PurePath(output or "").suffix
     if language == "dot":
         options.refuse(dialect, "--to dot writes a drawing: omit --dialect")
         options.refuse(signature, "--to dot writes a drawing: omit --signature")
         options.refuse(certify, "--to dot writes a drawing: omit --certify")
-        loaded = options.read_tree(tree)
-        options.refuse(form != "text", f"--to dot writes a drawing: omit --format {form}")
-        options.refuse(chosen["mapping"] is not None, "--to dot writes a drawing: omit --mapping")
-        part = narrowed(loaded, chosen["branch"], chosen["kind"])
-        known = "known: .dot, .gv, .svg, .pdf, .png"
-        options.refuse(suffix and not drawn, f"no drawing of an automaton has the suffix {suffix}; {known}")
-        try:
-            text = backend("automaton").diagram(
-                part, resolve_semantics(loaded, chosen["semantics"]), limit=chosen["limit"]
-            )
-        except TooLarge as error:
-            error.add_note("raise it with --limit N, or draw one branch with --branch N")
-            raise
-        deliver(picture(text, str(drawing)) if drawing in PICTURES else text.encode(), output)
+        _draw(options.read_tree(tree), form, output, **chosen)
         return 0
     if language in PICTURES:
         raise OptionError(
             f"{language} is not a specification language: --to dot -o FILE.{language} draws the automaton"
         )
     mend = f"--to dot -o {output} draws the automaton"
-    options.refuse(drawn, f"{language} is written as text, but {output} names a drawing: {mend}")
+    options.refuse(_is_drawing(output), f"{language} is written as text, but {output} names a drawing: {mend}")
     with options.suggesting():
         try:
             language = language if dialect is None else backend(language).dialect_backend(dialect)
@@ -110,16 +93,54 @@ def emit_command(
         deliver(signed.signature(text).encode(), signature)
     status, answer = 0, ""
     if certify:
+        from rvaft.export.certificates import certificate, on_path  # noqa: PLC0415 -- imported on use
+
         semantics = resolve_semantics(loaded, chosen["semantics"])
         program = on_path() if verified is None else Path(verified)
         chosen = {"branch": chosen["branch"], "kind": chosen["kind"]}
         status, answer = certificate(loaded, backend(language), specification, semantics, program, **chosen)
     if form == "latex":
+        from rvaft.export.latex import listing  # noqa: PLC0415 -- imported on use
+
         text = listing(text, backend(language).highlighting)
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)
     if certify:
         click.echo(answer, err=True)
     return status
+
+
+def _is_drawing(output: str | None) -> bool:
+    return output is not None and format_of(output) in (*PICTURES, Format.DOT)
+
+
+def _draw(
+    tree: RVAFT,
+    form: str,
+    output: str | None,
+    *,
+    semantics: Semantics | None,
+    branch: int | None,
+    kind: Kind | None,
+    limit: int | None,
+    mapping: Mapping[str, Any] | None,
+) -> None:
+    """Write a drawing of the automaton."""
+    options.refuse(form != "text", f"--to dot writes a drawing: omit --format {form}")
+    options.refuse(mapping is not None, "--to dot writes a drawing: omit --mapping")
+    part, suffix = narrowed(tree, branch, kind), PurePath(output or "").suffix
+    known = "known: .dot, .gv, .svg, .pdf, .png"
+    options.refuse(suffix and not _is_drawing(output), f"no drawing of an automaton has the suffix {suffix}; {known}")
+    try:
+        text = backend("automaton").diagram(part, resolve_semantics(tree, semantics), limit=limit)
+    except TooLarge as error:
+        error.add_note("raise it with --limit N, or draw one branch with --branch N")
+        raise
+    if output is not None and (drawing := format_of(output)) in PICTURES:
+        from rvaft.export.dot import picture  # noqa: PLC0415 -- imported on use
+
+        deliver(picture(text, str(drawing)), output)
+    else:
+        deliver(text.encode(), output)
 
 
 @click.command("backends")

@@ -5,7 +5,7 @@ from typing import Final, cast
 
 import click
 
-from rvaft.cli import options, warn
+from rvaft.cli import log_options, options, warn
 from rvaft.cli.monitor import source_of as trace_of
 from rvaft.errors import OptionError
 from rvaft.readers.log import Log, LogSource, expanded, source_of
@@ -19,13 +19,13 @@ _BY: Final = "Field whose value is the kind of an event.  [default: chosen by th
 _OFTEN: Final = 1_000
 
 
-def log_options(function: options.F) -> options.F:
+def log_argument(function: options.F) -> options.F:
     """Add the argument LOG, `--by` and the options of formats."""
     by = click.option("--by", metavar="FIELD", help=_BY)
-    return click.argument("log", metavar="LOG")(by(options.log_format(options.year_option(function))))
+    return click.argument("log", metavar="LOG")(by(log_options.log_format(options.year_option(function))))
 
 
-def _read(log: str, by: str | None, log_format: options.LogFormat) -> LogFields:
+def _read(log: str, by: str | None, log_format: log_options.LogFormat) -> LogFields:
     """Read a log; raises `TraceError` if it is damaged or malformed."""
     files = expanded(log)
     options.refuse(len(files) > 1, f"{log} matches {len(files)} files: name one log")
@@ -57,9 +57,9 @@ def _read(log: str, by: str | None, log_format: options.LogFormat) -> LogFields:
 
 
 @click.command("fields")
-@log_options
+@log_argument
 @options.output_format("text", "json")
-def fields_command(*, log: str, by: str | None, log_format: options.LogFormat, form: str) -> int:
+def fields_command(*, log: str, by: str | None, log_format: log_options.LogFormat, form: str) -> int:
     """List the kinds of events in LOG, the fields of each, and candidates for the time.
 
     LOG is given as for `monitor`; it ends. A list is one value. Memory is bounded: at most 200 kinds, 200 fields
@@ -74,9 +74,9 @@ def fields_command(*, log: str, by: str | None, log_format: options.LogFormat, f
 
 
 @click.command("infer")
-@log_options
+@log_argument
 @options.output_option
-def infer_command(*, log: str, by: str | None, log_format: options.LogFormat, output: str | None) -> int:
+def infer_command(*, log: str, by: str | None, log_format: log_options.LogFormat, output: str | None) -> int:
     """Write a tree to start from: typed event types for the kinds of events in LOG, and the
     assumptions that hold on it.
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 import click
 
 from rvaft.api import narrowed
-from rvaft.cli import FAILED, options, warn
+from rvaft.cli import FAILED, log_options, options, warn
 from rvaft.cli.monitor import TracesGiven, limit_option, plan_of, require_companions, stream_options
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held, read_afresh
 from rvaft.cli.monitor_run import run
@@ -63,8 +63,8 @@ _OPTIONS: Final = (
     options.choice("--per", words=Per, default=Per.TREE, text="Also monitor each branch or each kind."),
     options.repeat_options,
     stream_options,
-    options.log_format,
-    options.strict_json,
+    log_options.log_format,
+    log_options.strict_json,
     limit_option,
 )
 

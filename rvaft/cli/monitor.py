@@ -7,19 +7,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path, PurePath
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from rvaft.api import narrowed, resolve_semantics, translate
-from rvaft.cli import FAILED, Failures, native, options, warn
+from rvaft.cli import FAILED, Failures, log_options, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
-from rvaft.cli.native_run import NativeMatches, NativeRun
-from rvaft.engine.monitor import DEFAULT_LIMIT, Engine
+from rvaft.engine.monitor import Engine
 from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
-from rvaft.export import PICTURES
+from rvaft.export.formats import PICTURES
 from rvaft.language.parser import SUFFIXES as TREES
 from rvaft.language.parser import NoTree
 from rvaft.model.event_time import duration_text
@@ -29,10 +28,9 @@ from rvaft.model.patterns import match
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import has_surrogate
 from rvaft.model.verdict import Semantics
-from rvaft.monitors import Monitor
+from rvaft.monitors import DEFAULT_LIMIT, Monitor
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream, scheme
-from rvaft.rules.rule import listing
 from rvaft.stream.checkpoint import EVERY, CheckpointFile
 from rvaft.stream.detection import Hooks
 from rvaft.stream.keys import MAX_DISTINCT, MAX_KEYS, Field, Key
@@ -43,6 +41,10 @@ from rvaft.stream.plan import MonitoringPlan
 from rvaft.stream.whole_log import QueryEngine, engine_class
 from rvaft.support import output
 from rvaft.support.files import note_input, require_target
+from rvaft.support.wording import listing
+
+if TYPE_CHECKING:
+    from rvaft.cli.native_run import NativeRun
 
 BEFORE: Final = "before"
 """The key of the number of arguments before `--` in the context."""
@@ -147,8 +149,8 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @click.option("--native", is_flag=True, help="Compile the monitor, which needs a C compiler.")
 @click.option("--follow", is_flag=True, help="Keep reading as the file grows, until Ctrl-C.")
 @options.deadline_options
-@options.log_format
-@options.strict_json
+@log_options.log_format
+@log_options.strict_json
 @options.number("--jobs", default=1, text="Number of processes.")
 @click.option("--exec", "execute", metavar="CMD", help="Run this command on each detection.")
 @click.option("--exec-fault", metavar="CMD", help="Run this command on each detection of a fault.")
@@ -187,6 +189,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     engine: QueryEngine | None = None if given["engine"] is None else engine_class(given["engine"])(plans[0])
     traces = _traces(given, list(wholes.values()))
     if given["native"]:
+        from rvaft.cli import native  # noqa: PLC0415 -- imported on use
+
         other = next((one.reader.name for one in traces.sources if one.reader is not None), None)
         options.refuse(other, f"--native reads JSON Lines, not {other}: omit --native, or convert the log")
         logs = [one.file for one in traces.sources if one.file is not None]
@@ -241,7 +245,7 @@ def _traces(given: dict[str, Any], trees: Sequence[RVAFT]) -> "TracesGiven":
     names = given["traces"] or ("-",)
     if given["word"] is not None:
         options.refuse(
-            given["log_format"] != options.LogFormat(None, InputOptions()),
+            given["log_format"] != log_options.LogFormat(None, InputOptions()),
             "--word is no log: omit --input and the options of formats",
         )
         names = ()
@@ -404,10 +408,12 @@ def _with_foxglove(
         return run([replace(settings, others=(sink,))], traces)
 
 
-def _native_run(part: RVAFT, semantics: Semantics, given: Mapping[str, Any]) -> NativeRun | None:
+def _native_run(part: RVAFT, semantics: Semantics, given: Mapping[str, Any]) -> "NativeRun | None":
     """Return the run in which a compiled monitor replaces the engine, or None if that has few partial matches."""
     if semantics is not Semantics.SCATTERED or not Engine(part, semantics).joins:
         return None
+    from rvaft.cli.native_run import NativeRun  # noqa: PLC0415 -- imported on use
+
     key = Key.parse(given["key"]) if given["key"] else None
     try:
         with options.suggesting():
@@ -417,7 +423,9 @@ def _native_run(part: RVAFT, semantics: Semantics, given: Mapping[str, Any]) -> 
         raise
 
 
-def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any], native_run: NativeRun | None = None) -> MonitoringPlan:
+def plan_of(
+    part: RVAFT, whole: RVAFT, given: Mapping[str, Any], native_run: "NativeRun | None" = None
+) -> MonitoringPlan:
     """Return how each trace is monitored, by default by the engine."""
     semantics, backend, limit = (
         resolve_semantics(whole, given["semantics"]),
@@ -431,6 +439,8 @@ def plan_of(part: RVAFT, whole: RVAFT, given: Mapping[str, Any], native_run: Nat
             with options.suggesting():
                 return translate(part, backend, semantics=semantics).monitor()
         if native_run is not None:
+            from rvaft.cli.native_run import NativeMatches  # noqa: PLC0415 -- imported on use
+
             return Engine(part, semantics, strategy=NativeMatches(part, native_run))
         try:
             by = given["repeat_by"] or (part.repeat_by if given["repeat"] else None)
@@ -465,6 +475,8 @@ def _check(given: dict[str, Any]) -> None:
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: omit --backend")
     require_companions(given)
     if given["native"]:
+        from rvaft.cli import native  # noqa: PLC0415 -- imported on use
+
         native.check(given)
     for name, why in _UNQUERIED.items():
         wrong = given["engine"] is not None and given[name] not in (None, False, (), "")
@@ -500,7 +512,7 @@ def require_companions(given: Mapping[str, Any]) -> None:
 class TracesGiven:
     """The traces on the command line; missing files are reported."""
 
-    def __init__(self, names: Sequence[str], log_format: options.LogFormat, *, live: bool) -> None:
+    def __init__(self, names: Sequence[str], log_format: log_options.LogFormat, *, live: bool) -> None:
         self.missing = Failures()
         found = list(self.missing.collect(expanded, names))
         files = [file for some in found for file in some]

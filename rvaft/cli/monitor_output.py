@@ -5,13 +5,11 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import Final, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Final, NamedTuple, TextIO
 
 import click
 
 from rvaft.cli import described
-from rvaft.cli.native_run import NativeRun
-from rvaft.export import fired_text
 from rvaft.model.event_time import UNITS
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -27,6 +25,9 @@ from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import OTHERS, Statistics
 from rvaft.stream.whole_log import QueryEngine
 from rvaft.support.terminal import ProgressBar, columns, cut, readable_json, visible
+
+if TYPE_CHECKING:
+    from rvaft.cli.native_run import NativeRun
 
 ENDS: Final = 1_000
 """Maximum number of keys whose missing events are listed, which takes time."""
@@ -125,7 +126,7 @@ class MonitorSettings:
     complete: bool = False
     """Whether the end of a log decides what waits."""
     engine: QueryEngine | None = None
-    native: NativeRun | None = None
+    native: "NativeRun | None" = None
     unchosen: bool = False
     template: str | None = None
     others: Sequence[Listener] = ()
@@ -319,6 +320,8 @@ class _Text(Reporter):
         for which, explanation in detection.unlike(change.explanations):
             title = f"{', '.join(titles[place] for place in which)}: " if many else ""
             if self.settings.drawn:
+                from rvaft.export.drawing import fired_text  # noqa: PLC0415 -- imported on use
+
                 drawing = fired_text(self.settings.tree, explanation, change.events)
                 yield from (f"  {line}" for line in (title.strip(), *drawing.splitlines()) if line)
             else:

@@ -3,7 +3,7 @@
 import gc
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from datetime import UTC, datetime
 from functools import partial
@@ -20,9 +20,10 @@ from rvaft.cli import FAILED, FOUND
 from rvaft.cli.alerts import ALL_REPORTERS
 from rvaft.cli.monitor_output import WIDE, MonitorSettings, Reporter, Sink, SummaryRow, finish_together
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
-from rvaft.export import PICTURES, fired_dot, fired_text, picture
+from rvaft.export.formats import PICTURES
+from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.monitors import LIVE
+from rvaft.monitors import LIVE, Explanation
 from rvaft.readers.json_lines import LinesRead
 from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_of, suffix
 from rvaft.stream import pipeline, sources, whole_log
@@ -158,8 +159,7 @@ class _OnDetection(Listener):
             if settings.drawing is None or explanation is None or self.first is not None or self.failed:
                 continue
             form = PurePath(settings.drawing).suffix.lower().removeprefix(".")
-            make, fired = fired_text if form == "txt" else fired_dot, (settings.tree, explanation, change.events)
-            self._draw(lambda: picture(make(*fired), form) if form in PICTURES else make(*fired).encode())  # noqa: B023
+            self._draw(lambda: _drawing(settings.tree, explanation, change.events, form))  # noqa: B023
 
     def _draw(self, make: Callable[[], bytes]) -> None:
         try:
@@ -176,6 +176,15 @@ class _OnDetection(Listener):
         self.failed = self.failed or outcome.undrawn
         if self.first is None and (drawn := outcome.drawn) is not None:
             self._draw(lambda: drawn)
+
+
+def _drawing(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], form: str) -> bytes:
+    """Return a detection as a file of this format."""
+    from rvaft.export.dot import picture  # noqa: PLC0415 -- imported on use
+    from rvaft.export.drawing import fired_dot, fired_text  # noqa: PLC0415
+
+    text = (fired_text if form == "txt" else fired_dot)(tree, explanation, events)
+    return picture(text, form) if form in PICTURES else text.encode()
 
 
 class _WatchedTree:
@@ -541,7 +550,9 @@ def _unread(name: str, stream: FollowedFile) -> Iterator[str]:
 
 
 def _in_turns(runs: Sequence[TraceRun]) -> list[MonitoredTrace]:
-    """Return the monitored traces of each key for all trees, so that new keys come last."""
+    """Return the monitored traces of each key for all trees, so that new keys come last, for a checkpoint."""
+    for run in runs:
+        run.settle()
     return [watch for of_key in zip(*(run.watches for run in runs), strict=True) for watch in of_key]
 
 

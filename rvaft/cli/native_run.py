@@ -298,7 +298,8 @@ class NativeRun:
         """Return the match of these events by the engine, after storing them in the buffer."""
         assert self._copy is not None, "the trace has begun"
         found, events = self._explainer.explained(self._copy, places)
-        self.buffer.remember_all([*events.items()], [one.line for one in places])
+        for (number, event), one in zip(events.items(), places, strict=False):
+            self.buffer.remember(number, event, one.line)
         return found
 
 

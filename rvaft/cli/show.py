@@ -15,8 +15,10 @@ from rvaft.cli import options, warn
 from rvaft.core.branches import Branch, branches
 from rvaft.core.classifier import TreeReads
 from rvaft.errors import OptionError
-from rvaft.export import SUFFIXES, Format, Look, draw, format_of, losses
-from rvaft.export.layout import NARROWEST, WIDTH, Marks, branch_marks, marks
+from rvaft.export.drawing import draw
+from rvaft.export.formats import SUFFIXES, Format, format_of
+from rvaft.export.interchange import losses
+from rvaft.export.layout import NARROWEST, WIDTH, Look, Marks, branch_marks, marks
 from rvaft.export.property_text import WIDTH as LATEX_WIDTH
 from rvaft.export.property_text import align_latex, kinds_of, property_sign, property_text, property_unicode
 from rvaft.model.tree import RVAFT

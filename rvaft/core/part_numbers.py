@@ -5,7 +5,6 @@ Passes must first remove windows, counted events and ends in order.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from enum import Enum, auto
 from functools import partial
 from itertools import chain, combinations
 from typing import Final, TypeVar, assert_never
@@ -19,6 +18,7 @@ from rvaft.core.property import (
     Event,
     One,
     Part,
+    PartKind,
     Property,
     Sequence,
     Times,
@@ -30,17 +30,6 @@ from rvaft.model.guards import Guard
 from rvaft.support.bits import union
 
 Seen = TypeVar("Seen")
-
-
-class PartKind(Enum):
-    """The kind of a numbered part."""
-
-    EVENT = auto()
-    CONDITION = auto()
-    ALL = auto()
-    SEQUENCE = auto()
-    ONE = auto()
-    AT_LEAST = auto()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ equal content are the same object and are compared by identity.
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from enum import Enum, auto
 from functools import cached_property
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 from weakref import WeakValueDictionary
@@ -26,6 +27,17 @@ class Source(NamedTuple):
 
     node: str
     number: int = 0
+
+
+class PartKind(Enum):
+    """The kind of a part after the passes that remove windows, counted events and ends in order."""
+
+    EVENT = auto()
+    CONDITION = auto()
+    ALL = auto()
+    SEQUENCE = auto()
+    ONE = auto()
+    AT_LEAST = auto()
 
 
 class _HashConsed(type):

@@ -19,8 +19,8 @@ from math import comb
 from types import MappingProxyType
 from typing import Final, NamedTuple, assert_never
 
-from rvaft.core.part_numbers import NumberedPart, NumberedParts, PartKind, divided
-from rvaft.core.property import Condition, Event
+from rvaft.core.part_numbers import NumberedPart, NumberedParts, divided
+from rvaft.core.property import Condition, Event, PartKind
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import rigid_variables
 from rvaft.support.bits import bits, mask_of, union

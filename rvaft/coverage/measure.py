@@ -14,13 +14,11 @@ from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
 from rvaft.core.classifier import Letter, TreeReads, reader
-from rvaft.core.part_numbers import PartKind
 from rvaft.core.passes import followed, of_branch
-from rvaft.core.property import All, EndInOrder, Event, One, Part, Property, Source, Times, with_parts
+from rvaft.core.property import All, EndInOrder, Event, One, Part, PartKind, Property, Source, Times, with_parts
 from rvaft.core.scenarios import is_empty, transitive
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import awaited
-from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.engine.selection import measured_strategy
 from rvaft.engine.strategy import Progress
 from rvaft.errors import TooLarge, TreeError
@@ -28,7 +26,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Awaited
+from rvaft.monitors import DEFAULT_LIMIT, Awaited
 from rvaft.readers.json_lines import read
 from rvaft.stream import sources
 from rvaft.stream.data_warnings import DataWarning, DataWarnings

@@ -20,8 +20,8 @@ from typing import Any, Final, NamedTuple
 
 from rvaft.core import property as core
 from rvaft.core.classifier import EventTest, GuardTable, Letter, PatternIndex, Reader, guard_table, reader
-from rvaft.core.part_numbers import PartKind, op_of
-from rvaft.core.property import Part, Property, Source, fewest
+from rvaft.core.part_numbers import op_of
+from rvaft.core.property import Part, PartKind, Property, Source, fewest
 from rvaft.core.times import Extreme, TimeDifference, differences
 from rvaft.model.expressions import without_text
 from rvaft.model.guards import Guard, Operator, Predicate, TimePoint, conjuncts, predicate, renamed, time_points

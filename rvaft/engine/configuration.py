@@ -20,7 +20,7 @@ from itertools import chain
 from operator import add
 from typing import Any, Final, NamedTuple, Optional, TypeAlias, cast
 
-from rvaft.core.part_numbers import PartKind
+from rvaft.core.property import PartKind
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.model.values import Json, fingerprint
 from rvaft.support.bits import bits, mask_of

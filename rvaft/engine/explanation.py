@@ -17,8 +17,7 @@ from itertools import islice
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.core.branches import branches, number_of, or_gates
-from rvaft.core.part_numbers import PartKind
-from rvaft.core.property import Property, Source
+from rvaft.core.property import PartKind, Property, Source
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import event_text

@@ -17,7 +17,6 @@ once for each choice.
 """
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from math import inf
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
@@ -34,7 +33,7 @@ from rvaft.engine.explanation import (
     kept_nodes,
     pending,
 )
-from rvaft.engine.strategy import Strategy
+from rvaft.engine.strategy import BatchEvent, Noted, Strategy
 from rvaft.engine.unit_run import (
     EVENTS,
     HEAD,
@@ -56,6 +55,7 @@ from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending
+from rvaft.support.copies import twin
 
 INSTANCES: Final = 20
 """The number of instances for each partial match that the limit allows."""
@@ -166,12 +166,33 @@ class LatestStarts(Strategy):
         if not reading.hits:
             return _UNKNOWN
         event, event_class = reading.hits
-        served = self._served.get(event_class)
-        if served is None:
-            served = self._serving(event_class)
         time = self._time(event) if self._timed else None
+        return self._take(event, event_class, time, position)
+
+    def advance_all(
+        self, events: Iterator[BatchEvent], noted: Noted, *, projects: bool
+    ) -> tuple[Verdict, BatchEvent] | None:
+        """Read events up to the first that detects."""
+        assert not projects, "this is a strategy for `scattered`"
+        for one in events:
+            number, event, classes, time, watermark = one
+            if watermark is not None:
+                self._watermark = watermark
+            if classes[0].serving:
+                noted.concerned.append(one)
+                self.noted = False
+                verdict = self._take(event, classes[0], time, number)
+                if self.noted:
+                    noted.served.append(one)
+                if verdict is not _UNKNOWN:
+                    return verdict, one
+        return None
+
+    def _take(self, event: Mapping[str, Json], event_class: EventClass, time: int | None, position: int) -> Verdict:
         found: list[Detected] | None = None
-        for unit, leaf, timed, begins, take, field, named, admission, plain in served:
+        for unit, leaf, timed, begins, take, field, named, admission, plain in self._served.get(
+            event_class
+        ) or self._serving(event_class):
             if timed and time is None:
                 continue
             instances = self._instances[unit]
@@ -287,9 +308,9 @@ class LatestStarts(Strategy):
 
     def fork(self) -> Self:
         """Return an independent copy."""
-        twin = copy(self)
-        twin._instances, twin._sweep_at = _copies(self._instances), [*self._sweep_at]  # noqa: SLF001 (its own)
-        return twin
+        made = twin(self)
+        made._instances, made._sweep_at = _copies(self._instances), [*self._sweep_at]  # noqa: SLF001 (its own)
+        return made
 
     @property
     def state(self) -> Hashable:

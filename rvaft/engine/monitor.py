@@ -1,6 +1,6 @@
 """The engine as a monitor."""
 
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from datetime import datetime
 from math import inf
 from typing import Any, Final, Self
@@ -9,15 +9,15 @@ from rvaft.core.passes import property_of
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, TreeLetters
 from rvaft.engine.explanation import together
 from rvaft.engine.selection import require_shared, strategy_of
-from rvaft.engine.strategy import Strategy
+from rvaft.engine.strategy import BatchEvent, Noted, Strategy
 from rvaft.errors import OptionError
-from rvaft.model.event_time import Jump
+from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DEFAULT_BRANCHES, Ended, Explanation, Monitor, Pending
+from rvaft.monitors import DEFAULT_BRANCHES, DEFAULT_LIMIT, Ended, Explanation, Monitor, Pending
+from rvaft.support.copies import twin
 
-DEFAULT_LIMIT: Final = 100_000
 _UNKNOWN: Final = Verdict.UNKNOWN
 
 
@@ -46,6 +46,7 @@ class Engine(Monitor):
         super().__init__()
         self.tree = tree
         self.semantics = Semantics(semantics or tree.semantics or Semantics.PROJECTED)
+        self._projects = self.semantics.projects
         self._position = 0
         self._latest: int | None = None
         self.jumps: tuple[Jump, ...] = ()
@@ -134,6 +135,15 @@ class Engine(Monitor):
             self._verdict = self._strategy.advance(reading, self._position)
         return self._verdict
 
+    def take_all(self, events: Iterator[BatchEvent], noted: Noted) -> BatchEvent | None:
+        """Read events, none late, up to the first that changes the verdict, and return it; None at the end."""
+        found = self._strategy.advance_all(events, noted, projects=self._projects)
+        if found is None:
+            return None
+        self._verdict, one = found
+        self._position = one[0]
+        return one
+
     def skip(self, count: int) -> Verdict:
         """As `step`, for `count` events without a match."""
         if count > 0 and self._verdict is _UNKNOWN:
@@ -175,19 +185,35 @@ class Engine(Monitor):
         self._verdict, self._explanation = _UNKNOWN, None
         self._strategy.restart(self._repeat_by)
 
-    def is_late(self, event: Json, number: int = 0) -> bool:
+    def is_late(self, event: Json, number: int = 0, line: int | None = None) -> bool:
         """Whether an event is late (semantics, section 1.1); call it once per event, in order.
 
-        A caller of `take` passes late events to `skip` instead. `jumps` have the numbers of events.
+        A caller of `take` passes late events to `skip` instead. `jumps` have the numbers and lines of events.
         """
-        own = self.tree.time
-        if own is None or own.late is None or self._read_time is None:
+        return self.pass_event(None if self._read_time is None else self._read_time(event), number, line)
+
+    def pass_event(self, time: int | None, number: int = 0, line: int | None = None) -> bool:
+        """As `is_late`, for an event with this time."""
+        own, latest = self.tree.time, self._latest
+        if own is None or own.late is None or time is None:
             return False
-        late, latest = own.is_late_at(self._read_time(event), self._latest)
-        if latest != self._latest:
-            self.jumps = own.jumped(self.jumps, number, self._latest, latest)
-            self.reach(latest)
-        return late
+        if latest is not None and time <= latest:
+            return latest - time > own.late
+        self.jumps = own.jumped(self.jumps, number, latest, time, line)
+        self.reach(time)
+        return False
+
+    def pass_events(self, numbers: Sequence[int], times: Sequence[int], line: Callable[[int], int | None]) -> None:
+        """As `pass_event`, for events whose times never fall; `line` returns the line of an event."""
+        latest, found = self._latest, list[tuple[int, int | None, int]]()
+        allowed = 0 if self.tree.time is None else self.tree.time.late or 0
+        for number, time in zip(numbers, times, strict=True):
+            if latest is None or time > latest + allowed:
+                found.append((number, latest, time))
+            if latest is None or time > latest:
+                latest = time
+        self.jumps = (*self.jumps, *(Jump(*one, line(one[0])) for one in found[-JUMPS:]))[-JUMPS:]
+        self.reach(latest)
 
     @property
     def until(self) -> float:
@@ -222,6 +248,10 @@ class Engine(Monitor):
             self._verdict = self._strategy.finish()
         return self._verdict
 
+    def forget(self, watermark: int) -> None:
+        """Set the watermark and drop the partial matches that it rules out, before the maximum event time is set."""
+        self._strategy.forget(watermark)
+
     def reach(self, latest: int | None) -> None:
         """Set the maximum event time and drop the partial matches that it rules out."""
         self._latest = latest
@@ -236,9 +266,9 @@ class Engine(Monitor):
 
     def fork(self) -> Self:
         """Return an independent monitor in the same state."""
-        twin = object.__new__(type(self))  # without compiling the tree again
-        vars(twin).update({**vars(self), "_strategy": self._strategy.fork()})
-        return twin
+        made = twin(self)  # without compiling the tree again
+        made._strategy = self._strategy.fork()  # noqa: SLF001 (its own)
+        return made
 
     @property
     def state(self) -> Hashable:

@@ -14,7 +14,7 @@ from functools import cached_property
 from itertools import chain, combinations
 from typing import Final, TypeAlias
 
-from rvaft.core.part_numbers import PartKind
+from rvaft.core.property import PartKind
 from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration, PartProgress
 from rvaft.errors import TooLarge

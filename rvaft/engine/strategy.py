@@ -1,11 +1,11 @@
 """The interface of a strategy: how the engine follows the matches of a tree."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Collection, Hashable, Iterable, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from math import inf
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self, TypeAlias
 
-from rvaft.engine.compiled_tree import CompiledTree, EventClass, Inert, Reading, TreeLetters
+from rvaft.engine.compiled_tree import QUIET, CompiledTree, EventClass, Inert, Reading, TreeLetters
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending
@@ -30,6 +30,22 @@ class Progress(NamedTuple):
     broken: Collection[tuple[int, int, int]] = ()
     exact: bool = True
     awaited: Callable[[Collection[int]], Collection[str]] = lambda _: ()
+
+
+BatchEvent: TypeAlias = tuple[int, Mapping[str, Json], Sequence[EventClass], int | None, int | None]
+"""An event of a batch: its number, the event, its class in each column (the first for this strategy), its time,
+and the minimum time of later events. The times are None if not known. Tuples without names are made faster.
+"""
+
+
+class Noted(NamedTuple):
+    """The events of a batch that a reading did not skip, and those that may be in a match."""
+
+    concerned: list[BatchEvent]
+    served: list[BatchEvent]
+
+
+_UNKNOWN: Final = Verdict.UNKNOWN
 
 
 class Strategy(ABC):
@@ -57,6 +73,31 @@ class Strategy(ABC):
     @abstractmethod
     def advance(self, reading: Reading, position: int) -> Verdict:
         """Return the verdict after one more event."""
+
+    def advance_all(
+        self, events: Iterator[BatchEvent], noted: Noted, *, projects: bool
+    ) -> tuple[Verdict, BatchEvent] | None:
+        """Read events up to the first that changes the verdict, and return both; None at the end.
+
+        If the semantics `projects`, irrelevant events are skipped. Raises what `advance` raises; then `events`
+        stands after the event.
+        """
+        for one in events:
+            number, event, classes, _, watermark = one
+            if watermark is not None:
+                self.forget(watermark)
+            reading = self.read(event, classes[0])
+            if reading is not QUIET:
+                if not (reading.relevant if projects else reading.hits):
+                    continue
+                verdict = self.advance(reading, number)
+                if self.noted and reading.hits:
+                    noted.served.append(one)
+                if verdict is not _UNKNOWN:
+                    noted.concerned.append(one)
+                    return verdict, one
+            noted.concerned.append(one)
+        return None
 
     def inert(self, event_class: EventClass) -> Inert | None:  # noqa: ARG002
         """Return which events of a class change nothing until another event is read.

@@ -52,7 +52,7 @@ from itertools import chain
 from operator import ge
 from typing import Final, NamedTuple, assert_never
 
-from rvaft.core.part_numbers import PartKind
+from rvaft.core.property import PartKind
 from rvaft.core.times import Extreme
 from rvaft.engine.compiled_tree import Register
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration

@@ -22,8 +22,8 @@ from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.model.values import Json
 from rvaft.monitors import Explanation
-from rvaft.rules.rule import did_you_mean
 from rvaft.support.terminal import cut, readable_json, visible
+from rvaft.support.wording import did_you_mean
 
 LONGEST: Final = 120
 WIDTH: Final = 14

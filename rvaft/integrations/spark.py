@@ -19,7 +19,6 @@ import msgspec
 import rvaft
 from rvaft.api import loads, narrowed, resolve_semantics
 from rvaft.api import monitor as monitor_of
-from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import OptionError, RvaftError, ToolMissing
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import duration
@@ -27,6 +26,7 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, decimal, is_finite
 from rvaft.model.verdict import Semantics
+from rvaft.monitors import DEFAULT_LIMIT
 from rvaft.readers.json_lines import decode
 from rvaft.stream import pipeline
 from rvaft.stream.checkpoint import packed, unpacked

@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 from lark import Token, Transformer
 
 from rvaft.errors import OptionError
-from rvaft.language.diagnostics import FORMATS, WHOLE_NUMBER, shown
 from rvaft.language.draft import Count, Draft, DraftNode, DraftTopic, GateUse, Located
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat, scaled
@@ -34,6 +33,7 @@ from rvaft.model.nodes import Assumption, Causality, EventType, Ignore, Kind, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar, has_surrogate, is_number
 from rvaft.model.verdict import Semantics
+from rvaft.support.terminal import visible
 
 # ruff: noqa: D102 - a method handles the grammar rule of its name
 
@@ -41,6 +41,14 @@ T = TypeVar("T")
 Items: TypeAlias = list[Any]
 CONSTANTS: Final[dict[str, Scalar]] = {"true": True, "false": False, "null": None}
 _WORD: Final = re.compile(r"\w+")
+WHOLE_NUMBER: Final = "`times` needs an integer of at least 1, as in times 20"
+FORMATS: Final = f'{", ".join(TimeFormat)}, or a strptime format such as "%Y/%m/%d %H:%M:%S"'
+"""The formats of times for messages."""
+
+
+def shown(text: str) -> str:
+    """Return a piece of text in backquotes: at most 40 characters, control characters escaped."""
+    return f"`{visible(text if len(text) <= 40 else text[:37] + '...')}`"
 
 
 class Slip(Exception):

@@ -5,25 +5,19 @@ The first common mistake that matches the lexemes around the position determines
 
 import re
 from collections.abc import Iterator
-from difflib import get_close_matches
 from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
 
 from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedToken
 
-from rvaft.errors import LanguageError
+from rvaft.errors import LanguageError, error_at
+from rvaft.language.builder import FORMATS, WHOLE_NUMBER, shown
 from rvaft.language.draft import DYNAMIC_GATES
-from rvaft.model.event_time import UNITS, TimeFormat
+from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
 from rvaft.model.guards import COMPARISONS, FUNCTIONS, POINTS, Operator
 from rvaft.model.verdict import Semantics
 from rvaft.support.terminal import visible
-
-
-def shown(text: str) -> str:
-    """Return a piece of text in backquotes: at most 40 characters, control characters escaped."""
-    return f"`{visible(text if len(text) <= 40 else text[:37] + '...')}`"
-
 
 _LITERALS: Final = "STRING NUMBER MINUS TRUE FALSE NULL"
 _GROUPS: Final = (
@@ -97,7 +91,6 @@ _LEXEME: Final = re.compile(
     re.VERBOSE | re.DOTALL,
 )
 _VOTE: Final = re.compile(r"[0-9]+of[0-9]+|vot[0-9]+")
-_LONGEST_LINE: Final = 300
 """The maximum length of a source line in a message."""
 
 
@@ -169,16 +162,6 @@ def diagnose(error: UnexpectedInput, text: str, file: str) -> LanguageError:
     return error_at(message, text, position, file)
 
 
-def error_at(message: str, text: str, position: int, file: str) -> LanguageError:
-    """Return a `LanguageError` about a position of a text."""
-    start = text.rfind("\n", 0, position) + 1
-    end = text.find("\n", position)
-    line = text[start : end if end >= 0 else len(text)].rstrip("\r")
-    source = "".join(c if c.isprintable() or c == "\t" else "?" for c in line) if len(line) <= _LONGEST_LINE else ""
-    number = text.count("\n", 0, position) + 1
-    return LanguageError(message, file=file, line=number, column=position - start + 1, source=source)
-
-
 def _situation(text: str, position: int, possible: frozenset[str]) -> _Situation:
     before: list[_Lexeme] = []
     around: list[_Lexeme] = []
@@ -210,6 +193,8 @@ def _meant(word: str, known: tuple[str, ...]) -> str | None:
     for candidate in known:
         if sorted(word) == sorted(candidate):  # swapped letters, which difflib rates too low in short words
             return candidate
+    from difflib import get_close_matches  # noqa: PLC0415 -- imported on use
+
     return next(iter(get_close_matches(word, known, 1, 0.75)), None)
 
 
@@ -252,7 +237,6 @@ def _topic_slips(at: _Situation) -> Advice:
         yield _NAME_IN_QUOTES.format(visible(bad.text + following.text)), bad.start
 
 
-WHOLE_NUMBER: Final = "`times` needs an integer of at least 1, as in times 20"
 _UNIT_NAMES: Final = {
     **dict.fromkeys(("sec", "secs", "second", "seconds", "S"), "s"),
     **dict.fromkeys(("m", "mins", "minute", "minutes", "M"), "min"),
@@ -262,8 +246,6 @@ _UNIT_NAMES: Final = {
     **dict.fromkeys(("usec", "micros", "microseconds", "µs"), "us"),
     **dict.fromkeys(("nsec", "nanos", "nanoseconds"), "ns"),
 }
-FORMATS: Final = f'{", ".join(TimeFormat)}, or a strptime format such as "%Y/%m/%d %H:%M:%S"'
-"""The formats of times for messages."""
 _MEASURE: Final = re.compile(r"(0|[1-9][0-9]*)(\w*)")
 
 

@@ -3,10 +3,8 @@
 An `RVAFT` is always valid. A `Draft` keeps all errors, so that `rvaft.rules` can report them.
 """
 
-import gc
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, Generic, NamedTuple, TypeVar, assert_never
 
@@ -29,6 +27,7 @@ from rvaft.model.nodes import (
 )
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
+from rvaft.support.collector import no_collections
 
 T_co = TypeVar("T_co", covariant=True)
 
@@ -81,18 +80,6 @@ class GateUse(NamedTuple):
     def is_dependency(self) -> bool:
         """Whether it is a functional dependency (Galileo's `fdep` and `pdep`)."""
         return self.dynamic.startswith(("fdep", "pdep"))
-
-
-@contextmanager
-def no_collections() -> Iterator[None]:
-    """Disable the garbage collector: a large tree has no cyclic garbage to collect."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 class Count(NamedTuple):

@@ -14,15 +14,15 @@ from lark import Lark, Token
 from lark import __version__ as lark_version
 from lark.exceptions import UnexpectedInput
 
-from rvaft.errors import LanguageError
-from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
-from rvaft.language.diagnostics import diagnose, error_at, shown
-from rvaft.language.draft import Draft, Located, no_collections
+from rvaft.errors import LanguageError, error_at
+from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement, shown
+from rvaft.language.draft import Draft, Located
 from rvaft.language.galileo import SUFFIXES as GALILEO
 from rvaft.language.galileo import is_galileo, read_dynamic_gates
 from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
+from rvaft.support.collector import no_collections
 from rvaft.support.files import note_input, opened_within
 
 SUFFIXES: Final = (".rvaft", *GALILEO)
@@ -83,6 +83,8 @@ def _parse(text: str, file: str, start: str) -> Any:
     except Slip as slip:
         raise error_at(slip.message, text, slip.position, file) from None
     except UnexpectedInput as error:
+        from rvaft.language.diagnostics import diagnose  # noqa: PLC0415 -- imported on use
+
         raise diagnose(error, text, file) from None
 
 

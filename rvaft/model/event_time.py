@@ -6,7 +6,7 @@ is read as its shortest decimal.
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as part
 from datetime import UTC, date, datetime, timedelta, timezone, tzinfo
@@ -14,11 +14,10 @@ from decimal import ROUND_05UP, ROUND_HALF_EVEN, Context, Decimal, DecimalExcept
 from enum import StrEnum
 from functools import lru_cache
 from typing import Final, NamedTuple
-from zoneinfo import ZoneInfo
 
 from rvaft.errors import OptionError
 from rvaft.model.nodes import Place
-from rvaft.model.values import NUMBER, Json, at
+from rvaft.model.values import NUMBER, Json, JsonObject, at
 from rvaft.support.terminal import readable_json
 
 
@@ -185,6 +184,8 @@ def _zone(name: str | None) -> tzinfo:
         if _OFFSET.fullmatch(name):
             return timezone(timedelta(seconds=_ahead(name)))
         if name != "localtime":  # of the machine
+            from zoneinfo import ZoneInfo  # noqa: PLC0415 -- imported on use
+
             return ZoneInfo(name)
         raise ValueError(name)  # noqa: TRY301
     except (OSError, ValueError, LookupError):
@@ -283,19 +284,45 @@ class EventTime:
         >>> EventTime(("ts",), TimeFormat.MILLISECONDS).reader()({"ts": 7})
         7000000
         """
-        size = _SIZES.get(self.format) if isinstance(self.format, TimeFormat) else None
-        if len(self.field) > 1 or size is None:
-            return self.read
-        (field,), (factor, begin) = self.field, size
+        read_value = self._value_reader
+        if len(self.field) > 1:
+            return lambda event: read_value(at(event, self.field))
+        (field,) = self.field
+        return lambda event: read_value(event.get(field) if type(event) is dict else at(event, self.field))
 
-        def read(event: Json) -> int | None:
-            value = event.get(field) if type(event) is dict else at(event, self.field)
-            if type(value) is int and -_MOST_WHOLE < value < _MOST_WHOLE:
-                return value * factor + begin
-            if type(value) is float:
-                found = _multiplied(repr(value), factor)
-                return None if found is None else found + begin
-            return self.of(value)
+    def written_in(self, events: Iterable[JsonObject]) -> list[Json]:
+        """Return `written` of each event."""
+        if len(self.field) > 1:
+            return [at(event, self.field) for event in events]
+        (field,) = self.field
+        return [event.get(field) for event in events]
+
+    def of_all(self, values: Iterable[Json]) -> list[int | None]:
+        """Return `of` each value.
+
+        >>> EventTime(("ts",), TimeFormat.SECONDS).of_all([1.5, 2, None])
+        [1500000000, 2000000000, None]
+        """
+        return list(map(self._value_reader, values))
+
+    @property
+    def _value_reader(self) -> Callable[[Json], int | None]:
+        """The function `of`, faster for numbers."""
+        found = _SIZES.get(self.format) if isinstance(self.format, TimeFormat) else None
+        if found is None:
+            return self.of
+        size, begin = found
+        scale = {UNITS["s"]: 10**6, UNITS["ms"]: 10**3}.get(size, 1)
+        step, of = size // scale, self.of
+
+        def read(value: Json) -> int | None:
+            if type(value) is float and -_MOST_EXACT < (scaled := value * scale) < _MOST_EXACT:
+                whole = round(scaled)
+                if whole / scale == value:  # then it is the shortest decimal: near ones are other doubles
+                    return whole * step + begin
+            elif type(value) is int and -_MOST_WHOLE < value < _MOST_WHOLE:
+                return value * size + begin
+            return of(value)
 
         return read
 
@@ -333,21 +360,20 @@ class EventTime:
         >>> EventTime(("ts",), TimeFormat.SECONDS, late=0).is_late({"ts": 2}, 3_000_000_000)
         (True, 3000000000)
         """
-        return self.is_late_at(self.read(event), latest)
-
-    def is_late_at(self, time: int | None, latest: int | None) -> tuple[bool, int | None]:
-        """As `is_late`, for an event with this time."""
+        time = self.read(event)
         if self.late is None or time is None:
             return False, latest
         if latest is None:
             return False, time
         return latest - time > self.late, max(latest, time)
 
-    def jumped(self, jumps: tuple[Jump, ...], number: int, before: int | None, latest: int | None) -> tuple[Jump, ...]:
+    def jumped(
+        self, jumps: tuple[Jump, ...], number: int, before: int | None, latest: int | None, line: int | None = None
+    ) -> tuple[Jump, ...]:
         """Return the last `JUMPS` jumps after an event that moved the maximum time on from `before`."""
         if latest is None or (before is not None and latest - before <= (self.late or 0)):
             return jumps
-        return (*jumps, Jump(number, before, latest))[-JUMPS:]
+        return (*jumps[1 - JUMPS :], Jump(number, before, latest, line))
 
     def stamped(self, event: Json) -> Json:
         """Return the event with its time in nanoseconds (or null) at the key `TIME`.
@@ -465,6 +491,8 @@ _SIZES: Final[Mapping[TimeFormat, tuple[int, int]]] = {
 }
 """The numeric formats: the nanoseconds of a unit, and the time of 0."""
 _MOST_WHOLE: Final = 10 ** (_MOST + 1)
+_MOST_EXACT: Final = 2.0**52
+"""Doubles below it are at most 1 apart."""
 _READERS: Final[Mapping[TimeFormat, Callable[[Json], int | None]]] = {
     TimeFormat.ISO8601: _iso8601,
     TimeFormat.ROS: _ros,

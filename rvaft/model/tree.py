@@ -115,6 +115,8 @@ class RVAFT:
                 _check_call(node.on, self.events, [node.name])
             for clause in node.without:
                 _check_call(clause.on, self.events, [node.name])
+            if node.own_values:
+                _check_own_values(node, self.nodes)
         for ignore in self.ignores:
             _check_call(ignore.on, self.events, [])
         if repeat_by is not None and part_of is None and repeat_by not in self.variables:
@@ -236,8 +238,11 @@ class RVAFT:
             return self.part_of.tree.alphabet
         found: list[Relevant] = []
         for name in self.occurrences:
-            pattern, when = self._patterns[name], self.guard(name)
+            node = self.nodes[name]
+            pattern, when = self._patterns[name], node.when
             assert pattern is not None
+            if node.own_values and node.on is not None:
+                pattern = self.instantiate(node.on)
             own = when is not None and set(guard_variables(when)) <= set(pattern_variables(pattern))
             found.append(Relevant(name, pattern, when if own else None))
         return tuple(found)
@@ -391,6 +396,22 @@ def _check_node(node: Node, nodes: Mapping[str, Node]) -> None:
     if len(set(children)) < len(children):
         twice = next(child for child in children if children.count(child) > 1)
         raise TreeError(f"{name} lists its child {twice} twice", rule="duplicate-child", nodes=[name, twice])
+
+
+def _check_own_values(node: Node, nodes: Mapping[str, Node]) -> None:
+    names = {*node.own_values}
+    if time_points(node.when) and names & {*guard_variables(node.when)}:
+        message = f"the guard of {node.name} compares times, and values that each of its events has for itself"
+        raise TreeError(message, rule="own-values", nodes=[node.name])
+    for other in nodes.values():
+        used = {name for clause in other.without for name in clause.variables}
+        if other.name != node.name:
+            used.update(() if other.on is None else other.on.variables, guard_variables(other.when))
+        if shared := names & used:
+            message = (
+                f"{min(shared)} has a value of its own in each event of {node.name}, so {other.name} cannot use it"
+            )
+            raise TreeError(message, rule="own-values", nodes=[node.name, other.name])
 
 
 def _check_call(on: On, events: Mapping[str, EventType], nodes: list[str]) -> None:

@@ -52,10 +52,10 @@ def finite_decimal(written: str) -> float:
     Traceback (most recent call last):
     ValueError: beyond a double
     """
-    number = decimal(written)
+    number = float(written)
     if number - number != 0:
         raise ValueError("beyond a double")
-    return number
+    return number if len(written) < _LONG else decimal(written)
 
 
 def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:

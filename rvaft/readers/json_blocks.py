@@ -145,6 +145,8 @@ class JsonBlockReader:
         read = {field: Any if field in exact else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=finite_decimal)
+        time = TypedDict("time", {timed: Any}, total=False)  # type: ignore[misc]
+        self._time: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(time, float_hook=finite_decimal)
         self._exact = exact
         head_fields = tuple(dict.fromkeys((*self._discriminating, *kept)))
         names = {f"f{number}": field for number, field in enumerate(head_fields)}
@@ -258,17 +260,18 @@ class JsonBlockReader:
         """Return the times of a block of lines without doubts."""
 
         def exact(place: int) -> Json:
-            found = _decoded(self._event, lines[place])
+            found = _decoded(self._time, lines[place])
             return (event(place) if found is None else found).get(self._timed)
 
+        @cache
         def event(place: int) -> JsonObject:
             found = event_on(lines[place], file, first + place, self._reads, strict=self._strict)
             assert found is not None, "a blank line is in doubt"
             return found
 
-        known = [None if value is msgspec.UNSET else value for value in values]
-        every = cache(lambda: [(place, event(place)) for place in range(len(lines))])
-        return BatchTimes(cast("Sequence[Json]", known), exact, every, {})
+        if msgspec.UNSET in values:
+            values = [None if value is msgspec.UNSET else value for value in values]
+        return BatchTimes(cast("Sequence[Json]", values), exact, event, {})
 
     def _sound(self, text: bytes, lines: list[bytes]) -> list[_Line] | None:
         """Return the decoded events of a block, or None if there may be hidden errors.
@@ -300,12 +303,13 @@ class JsonBlockReader:
             self._skeletons.add(skeleton)
         with suppress(*_REFUSED):
             heads: list[_Line] = self._event.decode_lines(text)
-            if len(heads) == len(lines) and not (self._exact and any(map(self._is_nested, heads))):
+            types = {type(head.get(field)) for field in self._exact for head in heads}
+            if len(heads) == len(lines) and _NESTED.isdisjoint(types):
                 return heads
         return None
 
     def _is_nested(self, event: dict[str, Json]) -> bool:
-        return bool(self._exact) and not _NESTED.isdisjoint(map(type, map(event.get, self._exact)))
+        return not _NESTED.isdisjoint([type(event.get(field)) for field in self._exact])
 
     def _heads(self, text: bytes, lines: list[bytes]) -> tuple[list[_Line], list[Hashable], Sequence[_Values] | None]:
         """Return the decoded lines, their discriminating values (or `_DOUBT`), and kept values."""

@@ -100,6 +100,12 @@ _BOOLEANS: Final = {
 }
 
 
+PROFILES: Final = Path(__file__).with_name("profiles")
+"""The folder of the shipped profiles."""
+SHIPPED: Final = sorted(one.name.removesuffix(".toml") for one in PROFILES.iterdir())
+"""The names of the shipped profiles."""
+
+
 @dataclass(frozen=True, slots=True)
 class InputOptions:
     """Options of log formats; None or empty if not given.
@@ -272,13 +278,13 @@ class Log:
 class BatchTimes(NamedTuple):
     """The values of a time field in each event of a batch that lacks irrelevant ones; None if missing.
 
-    They may have lost digits; `exact` returns that of an event by its place, and `events` all events with
-    their places. `known` is for what is derived from them for several trees.
+    They may have lost digits; `exact` returns that of an event by its place, and `event` the event. `known`
+    is for what is derived from them for several trees.
     """
 
     values: Sequence[Json]
     exact: Callable[[int], Json]
-    events: Callable[[], Sequence[tuple[int, JsonObject]]]
+    event: Callable[[int], JsonObject]
     known: dict[object, object]
 
 

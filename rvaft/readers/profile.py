@@ -11,13 +11,10 @@ from typing import Any, Final
 from rvaft.errors import LanguageError, OptionError
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import EventTime
-from rvaft.readers.log import FieldType
+from rvaft.readers.log import PROFILES, SHIPPED, FieldType
 from rvaft.readers.text_lines import LinePattern, compiled
-from rvaft.rules.rule import did_you_mean
+from rvaft.support.wording import did_you_mean
 
-_FOLDER: Final = Path(__file__).with_name("profiles")
-SHIPPED: Final = sorted(one.name.removesuffix(".toml") for one in _FOLDER.iterdir())
-"""The names of the shipped profiles."""
 _KEYS: Final = {"input": str, "records": str, "time": str, "by": str, "text": str, "where": dict, "pattern": list}
 _PATTERN_KEYS: Final = {"match": str, "set": dict, "types": dict, "pairs": str}
 _KINDS: Final = {"str": "a text", "dict": "a table", "list": "a list of tables"}
@@ -46,7 +43,7 @@ def profile(name: str) -> Profile:
     if not name.endswith(".toml") and name not in SHIPPED:
         hint = did_you_mean(name, SHIPPED) or "; a profile of your own is a .toml file"
         raise OptionError(f"unknown profile {name}; known: {', '.join(SHIPPED)}{hint}")
-    file = Path(name) if name.endswith(".toml") else _FOLDER.joinpath(f"{name}.toml")
+    file = Path(name) if name.endswith(".toml") else PROFILES / f"{name}.toml"
     try:
         given = _checked(tomllib.loads(file.read_bytes().decode("utf-8-sig")), _KEYS, "input")
         if "time" in given:

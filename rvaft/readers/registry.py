@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 from rvaft.core.classifier import Scope
 from rvaft.errors import OptionError, RvaftError, ToolFailed, WrongType, expect
 from rvaft.model.values import Json
-from rvaft.readers.bag import message_event
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import (
     FieldType,
@@ -25,10 +24,8 @@ from rvaft.readers.log import (
     source_of,
     suffix,
 )
-from rvaft.readers.profile import profile as load_profile
-from rvaft.readers.text_lines import PatternReader, SyslogReader
-from rvaft.rules.rule import did_you_mean
 from rvaft.support.plugins import entry_points
+from rvaft.support.wording import did_you_mean
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -38,7 +35,6 @@ __all__ = [
     "UnknownFormat",
     "all_readers",
     "live_events",
-    "message_event",
     "read_log",
 ]
 
@@ -200,7 +196,10 @@ def profile_reader(name: str, year: int | None = None) -> LogReader:
     >>> profile_reader("cloudtrail").name
     'json'
     """
-    found = load_profile(name)
+    from rvaft.readers.profile import profile  # noqa: PLC0415 -- imported on use
+    from rvaft.readers.text_lines import PatternReader, SyslogReader  # noqa: PLC0415
+
+    found = profile(name)
     base = None if found.input == "text" else reader(found.input, InputOptions(found.records, year=year))
     if base is not None and not found.pattern:
         if found.text or found.where:

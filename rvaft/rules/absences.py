@@ -26,9 +26,10 @@ from rvaft.model.expressions import without_text
 from rvaft.model.nodes import Node, Side
 from rvaft.model.nodes import Without as Clause
 from rvaft.model.patterns import rigid_variables
-from rvaft.rules.rule import RuleReport, branch_of, did_you_mean, listing
+from rvaft.rules.rule import RuleReport, branch_of
 from rvaft.support.bits import bits
 from rvaft.support.budget import Undecided
+from rvaft.support.wording import did_you_mean, listing
 
 _Names = frozenset[str]
 _NONE: _Names = frozenset()

@@ -1,8 +1,7 @@
-"""The types of rules and their reports, and wording shared by reports."""
+"""The types of rules and their reports."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from difflib import get_close_matches
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ from rvaft.core.property import AtLeast, One
 from rvaft.core.scenario_space import node_of
 from rvaft.core.scenarios import Kept
 from rvaft.model.nodes import Place
+from rvaft.support.wording import listing
 
 
 class Severity(StrEnum):
@@ -58,31 +58,6 @@ class Rule(NamedTuple):
     code: str
     severity: Severity
     check: Callable[[Any], Iterable[RuleReport]]
-
-
-_SHOWN = 8
-_COMPARED = 2_000
-
-
-def listing(names: Sequence[str], conjunction: str = "and") -> str:
-    """Return `a`, `a and b`, or `a, b and c`; long lists are cut."""
-    if len(names) > _SHOWN:
-        return f"{', '.join(names[:_SHOWN])} {conjunction} {len(names) - _SHOWN} more"
-    return f" {conjunction} ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
-
-
-def did_you_mean(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
-    """Return `; did you mean NAME?` for a similar known name, ignoring case, or an empty string."""
-    found = similar(name, known, cutoff=cutoff)
-    return f"; did you mean {found}?" if found else ""
-
-
-def similar(name: str, known: Iterable[str], *, cutoff: float = 0.6) -> str:
-    """Return a similar known name, ignoring case, or an empty string."""
-    candidates = [other for other in known if abs(len(other) - len(name)) <= 2][:_COMPARED]
-    folded = {other.casefold(): other for other in reversed(candidates)}
-    close = get_close_matches(name.casefold(), folded, n=1, cutoff=cutoff)
-    return folded[close[0]] if close else ""
 
 
 def branch_of(kept: Kept) -> str:

@@ -12,7 +12,8 @@ from rvaft.model.nodes import EventType, On, Place, ValueType, absolute, topic_o
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT, find_cycle, knots, sorted_topologically
-from rvaft.rules.rule import RuleReport, did_you_mean, listing, similar
+from rvaft.rules.rule import RuleReport
+from rvaft.support.wording import did_you_mean, listing, similar
 
 
 def duplicate_setting(draft: Draft) -> Iterator[RuleReport]:

@@ -14,7 +14,8 @@ from rvaft.model.expressions import guard_text
 from rvaft.model.guards import ORDERINGS, POINTS, Operation, TimePoint, conjuncts, time_points, variables
 from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, rigid_variables
-from rvaft.rules.rule import RuleReport, branch_of, listing
+from rvaft.rules.rule import RuleReport, branch_of
+from rvaft.support.wording import listing
 
 
 def no_time(space: ScenarioSpace) -> Iterator[RuleReport]:

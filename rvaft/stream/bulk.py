@@ -8,9 +8,10 @@ from collections import defaultdict, deque
 from collections.abc import Collection, Hashable, Sequence
 from operator import eq, itemgetter
 from sys import float_info
-from typing import Final, TypeVar
+from typing import Final, TypeAlias, TypeVar
 
 from rvaft.core.classifier import GuardTable, PatternIndex, key_at
+from rvaft.model.event_time import EventTime
 from rvaft.model.values import Json, JsonObject, exact
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.monitor_set import MonitorSet
@@ -23,18 +24,20 @@ _OWN_KEYS: Final = frozenset({str, int})
 """Types whose values compare as themselves."""
 _LARGEST: Final = float_info.max
 H = TypeVar("H")
+Groups: TypeAlias = Sequence[tuple[EventKind, "EventGroup"]]
 
 
 class EventGroup:
     """Events with the same fields; columns of values are computed once."""
 
-    __slots__ = ("_ends", "_types", "_values", "events")
+    __slots__ = ("_ends", "_times", "_types", "_values", "events")
 
     def __init__(self, events: Sequence[JsonObject]) -> None:
         self.events = events
         self._values: dict[str, list[Json]] = {}
         self._types: dict[str, set[type]] = {}
         self._ends: dict[str, Sequence[Json]] = {}
+        self._times: Sequence[int | None] | None = None
 
     def values(self, field: str) -> list[Json]:
         """Return the values of a field."""
@@ -49,6 +52,12 @@ class EventGroup:
         if found is None:
             found = self._types[field] = set(map(type, self.values(field)))
         return found
+
+    def times(self, time: EventTime) -> Sequence[int | None]:
+        """Return the times of the events; `time` is that of the tree."""
+        if self._times is None:
+            self._times = time.of_all(time.written_in(self.events))
+        return self._times
 
     def ends(self, field: str) -> Sequence[Json]:
         """Return the least and the greatest value if all are finite numbers, else ()."""
@@ -139,7 +148,7 @@ def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: Even
         return True
     if event_kind.checks.good is None or event_kind.checks.good[:2] != (warnings, warnings.version):
         return False
-    if warnings.time is not None and event_kind.entries and None in map(warnings.time.read, group.events):
+    if warnings.time is not None and event_kind.entries and None in group.times(warnings.time):
         return False
     _, _, fields, known = event_kind.checks.good
     if not fields:

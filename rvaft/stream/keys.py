@@ -156,10 +156,11 @@ class KeyedTraces:
 
     def _forget(self) -> None:
         """Forget the values whose events cannot matter any more, if a tenth of them can be."""
+        forgets = self._forgets()
         traces = [*self._traces.items()]
         times = [engine.latest for _, trace in traces for engine in trace.monitors.engines[:1]]
         time, known = traces[0][1].monitors.time, [one for one in times if one is not None]
-        if not self._forgets() or time is None or time.late is None or not known:
+        if not forgets or time is None or time.late is None or not known:
             return
         horizon = max(known) - time.late
         kept = {name: trace for name, trace in traces if trace.monitors.until >= horizon - time.late}

@@ -1,26 +1,43 @@
-"""The times of a batch in which no event is late, so that few of them must be parsed.
+"""The times of a batch, and which of its events are late.
 
 Values of one type and layout that never fall have times that never fall. Then an event is late only if
-it is late for the events before the batch, and the parsed times are those of events that are stepped over.
+it is late for the events before the batch, and few times must be parsed.
 """
 
-from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
-from functools import cached_property
-from itertools import islice
-from operator import le, lt, sub
-from typing import Final, cast
+from bisect import bisect_left, bisect_right
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from itertools import chain, islice
+from math import inf
+from operator import attrgetter, eq, le, sub
+from typing import Final, NamedTuple, TypeAlias, cast
 
-from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, TimeFormat
+from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, Jump, TimeFormat
 from rvaft.model.values import Json
+from rvaft.stream.listeners import MonitoredTrace
 
+WAITING: Final = 128
+"""Maximum number of batches whose times the engines are not told yet."""
 _ERROR: Final = 2.0**-48
 """More than the relative error of a difference of doubles that are rounded."""
 _LAYOUT: Final = str.maketrans("123456789", "000000000")
 
 
+class LateEvent(NamedTuple):
+    """The maximum time before a late event, and its last jumps in the batch: places, and before and after each."""
+
+    latest: int
+    jumps: Sequence["PlacedJump"]
+
+
+PlacedJump: TypeAlias = tuple[int, int | None, int]
+
+
 class RisingTimes:
     """Times that never fall; `latest` is the maximum before them. Places count events, from 0."""
+
+    late: Final[Mapping[int, LateEvent]] = {}
 
     def __init__(
         self,
@@ -53,10 +70,14 @@ class RisingTimes:
         comparable = types in ({int}, {float}) and time.format in NUMERIC
         if types == {str} and time.format is TimeFormat.ISO8601:
             comparable = _have_one_layout(cast("Sequence[str]", values))
-        rises = lt if exact is not None and types == {float} else le
-        if values and not (comparable and all(map(rises, values, islice(values, 1, None)))):
+        if values and not (comparable and all(map(le, values, islice(values, 1, None)))):
             return None
         found = cls(time, places, values, latest, exact if types == {float} else None)
+        # equal doubles may be different times
+        if found._exact is not None and True in map(eq, values, islice(values, 1, None)):
+            pairs = enumerate(map(eq, values, islice(values, 1, None)))
+            if any((found._read(number) or 0) > (found._read(number + 1) or 0) for number, same in pairs if same):
+                return None
         first = found._next(0, len(values))
         allowed = latest is None or first is None or latest - first[1] <= (time.late or 0)
         return found if allowed else None
@@ -72,8 +93,10 @@ class RisingTimes:
         times = ((number, self._read(number)) for number in range(start, end))
         return next(((number, time) for number, time in times if time is not None), None)
 
-    def latest(self, place: int) -> int | None:
-        """Return the maximum time up to the event at a place."""
+    def latest(self, place: int, time: int | None = None) -> int | None:
+        """Return the maximum time up to the event at a place, whose time is known or not."""
+        if time is not None:
+            return time if self._before is None or time > self._before else self._before
         last = place if type(self._places) is range else bisect_right(self._places, place) - 1
         for number in range(last, -1, -1):
             found = self._read(number)
@@ -122,6 +145,132 @@ class RisingTimes:
                 yield self._places[high], before, end
             else:
                 agenda += [(low, start, *middle), (*middle, high, end)]
+
+
+class MixedTimes:
+    """Times in any order; the interface is that of `RisingTimes`."""
+
+    def __init__(self, time: EventTime, values: Sequence[Json], latest: int | None) -> None:
+        allowed = time.late or 0
+        jumps, latest_at = list[PlacedJump](), list[int | None]()
+        self.late: dict[int, LateEvent] = {}
+        for place, found in enumerate(time.of_all(values)):
+            if found is not None:
+                if latest is None or found - latest > allowed:
+                    jumps.append((place, latest, found))
+                elif latest - found > allowed:
+                    self.late[place] = LateEvent(latest, jumps[-JUMPS:])
+                latest = found if latest is None or found > latest else latest
+            latest_at.append(latest)
+        self._latest = latest_at
+        self.jumps = jumps[-JUMPS:]
+
+    def latest(self, place: int, time: int | None = None) -> int | None:  # noqa: ARG002 (all are known)
+        """Return the maximum time up to the event at a place."""
+        return self._latest[place]
+
+
+BatchLateness: TypeAlias = RisingTimes | MixedTimes
+
+
+@dataclass(slots=True)
+class KeyedBatch:
+    """Events of keys: their traces, as they are read, and their times; `before` is the number before the first.
+
+    `done` counts the events whose times their engines know.
+    """
+
+    traces: list[MonitoredTrace]
+    times: Sequence[int]
+    before: int
+    lines: Sequence[int | None]
+    done: int = 0
+
+    @property
+    def counts_lines(self) -> bool:
+        """Whether lines are the numbers of events."""
+        return not self.lines or self.lines == range(self.before + 1, self.before + len(self.times) + 1)
+
+
+class KeyedTimes:
+    """The times of events by key, while they never fall over all keys: then no event is late.
+
+    What an engine has to know of the times of its key is passed to it by `settle`, for many events at once.
+    """
+
+    def __init__(self) -> None:
+        self.greatest: float = -inf
+        """The maximum time over all keys."""
+        self._waiting: list[KeyedBatch] = []
+
+    def rises(self, times: Sequence[int | None]) -> bool:
+        """Whether times are those of a batch that can be added."""
+        if not times or None in times:
+            return False
+        known = cast("Sequence[int]", times)
+        return all(map(le, chain((self.greatest,), known), known))
+
+    def add(self, times: Sequence[int | None], before: int, lines: Sequence[int | None]) -> list[MonitoredTrace]:
+        """Add the events after `before`, and return the list to which their traces have to be added."""
+        if len(self._waiting) >= WAITING:
+            self.settle()
+        batch = KeyedBatch([], cast("Sequence[int]", times), before, lines)
+        self._waiting.append(batch)
+        self.greatest = batch.times[-1]
+        return batch.traces
+
+    def settle(self) -> None:
+        """Pass the times of the events that were read to the engines of their keys."""
+        passed: dict[MonitoredTrace, list[int]] = {}
+        waiting, self._waiting = self._waiting, []
+        for batch in waiting:
+            first, done = batch.before + 1, batch.done
+            batch.done = len(batch.traces)
+            numbers, times = range(first + done, first + batch.done), batch.times[done : batch.done]
+            for trace, number, time in zip(batch.traces[done:], numbers, times, strict=True):
+                if trace in passed:
+                    passed[trace] += (number, time)
+                else:
+                    passed[trace] = [number, time]
+            if batch.done < len(batch.times):
+                self._waiting.append(batch)
+        line: Callable[[int], int | None] = partial(_line, waiting)
+        if all(batch.counts_lines for batch in waiting):
+            line = _no_line
+        for trace, found in passed.items():
+            trace.monitors.engines[0].pass_events(found[::2], found[1::2], line)
+
+
+def _no_line(number: int) -> None:  # noqa: ARG001 (lines are the numbers of events)
+    return None
+
+
+def _line(batches: Sequence[KeyedBatch], number: int) -> int | None:
+    """Return the line of an event of some batches, or None if it is its number."""
+    batch = batches[bisect_left(batches, number, key=attrgetter("before")) - 1]
+    found = batch.lines[number - batch.before - 1] if batch.lines else None
+    return None if found == number else found
+
+
+def lateness(
+    time: EventTime, values: Sequence[Json], latest: int | None, exact: Callable[[int], Json] | None = None
+) -> BatchLateness:
+    """Return the times of events with these values; None has no time.
+
+    Numbers may have lost digits if `exact` returns the value of an event by its place.
+    """
+    found = RisingTimes.of(time, values, latest, exact)
+    if found is not None:
+        return found
+    if exact is not None:
+        values = [exact(place) if type(value) is float else value for place, value in enumerate(values)]
+    return MixedTimes(time, values, latest)
+
+
+def numbered_jumps(jumps: Iterable[PlacedJump], before: int, lines: Sequence[int | None]) -> list[Jump]:
+    """Return jumps of a batch with the numbers of their events, and the lines that differ from these."""
+    found = [Jump(before + place + 1, old, new, lines[place] if lines else None) for place, old, new in jumps]
+    return [one._replace(line=None) if one.line == one.number else one for one in found]
 
 
 def _have_one_layout(texts: Sequence[str]) -> bool:

@@ -4,7 +4,7 @@ These are the options (a), (b) and (c) of the paper, section 4.3, with the monit
 Tables 2 and 3.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from dataclasses import KW_ONLY, InitVar, dataclass, replace
 from enum import StrEnum
@@ -13,16 +13,18 @@ from math import inf
 from typing import Final, Self, TypeAlias, cast
 
 from rvaft.core.branches import branches
-from rvaft.engine.compiled_tree import QUIET
+from rvaft.engine.compiled_tree import QUIET, EventClass
 from rvaft.engine.monitor import Engine
+from rvaft.engine.strategy import BatchEvent, Noted
 from rvaft.errors import OptionError, TooLarge, TreeError
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, Ended, Explanation, Monitor, Repetition
-from rvaft.rules import valid_part
-from rvaft.stream.statistics import EventKind, EventTypeIndex
+from rvaft.rules.validity import valid_part
+from rvaft.stream.statistics import EventTypeIndex
+from rvaft.support.copies import twin
 
 MOST: Final = 1_000
 _UNKNOWN: Final = Verdict.UNKNOWN
@@ -174,11 +176,11 @@ class MonitorSet:
 
     def fork(self) -> Self:
         """Return independent monitors in the same state."""
-        twin = copy(self)
-        twin._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001
-        twin.since = dict(self.since)
-        twin.found = [replace(count) for count in self.found]
-        return twin
+        made = twin(self)
+        made._take_over(tuple(monitor.fork() for monitor in self.monitors))  # noqa: SLF001
+        made.since = dict(self.since)
+        made.found = [replace(count) for count in self.found]
+        return made
 
     @classmethod
     def beside(cls, sets: Sequence["MonitorSet"]) -> "MonitorSet":
@@ -221,9 +223,9 @@ class MonitorSet:
             self._take_over(self.monitors)
 
     def step(
-        self, event: Json, number: int, event_kind: EventKind | None = None, *, late: bool | None = None
+        self, event: Json, number: int, classes: Sequence[EventClass] | None = None, *, late: bool | None = None
     ) -> Sequence[int]:
-        """Read one event of this kind and return the columns whose verdict changed.
+        """Read one event of these classes and return the columns whose verdict changed.
 
         `late` is what `is_late` of the first engine returned, or None if it was not called.
         """
@@ -242,8 +244,9 @@ class MonitorSet:
                 if engines[column].latest != engines[0].latest:
                     engines[column].reach(engines[0].latest)
             if self.late:
-                event_kind = self.types.late
-        classes = (event_kind or self.types.of(event)).classes
+                classes = self.types.late.classes
+        if classes is None:
+            classes = self.types.of(event).classes
         if not self._live and self._projected:
             self.concerned = classes[0].relevant
             return ()
@@ -274,6 +277,33 @@ class MonitorSet:
     def deadline(self) -> float:
         """The least time after which a time decides a verdict; infinite if there is none."""
         return min((self.engines[column].deadline for column in self._live), default=inf) if self.engines else inf
+
+    def step_all(self, events: Iterator[BatchEvent], noted: Noted) -> Sequence[int]:
+        """Read events, none late, up to the first that changes a verdict; return the changed columns, () at the end.
+
+        The caller sets the maximum event time.
+        """
+        while self._live == (0,) and self.engines and not self._strict:
+            if self._resting:
+                self.begin_again()
+            last = self.engines[0].take_all(events, noted)
+            if last is None:
+                return ()
+            if changed := self._changed(*last[:2]):
+                return changed
+        for one in events:
+            number, event, classes, _, watermark = one
+            if watermark is not None:
+                for engine in self.engines:
+                    engine.forget(watermark)
+            changed = self.step(event, number, classes, late=False)
+            if self.concerned:
+                noted.concerned.append(one)
+            if self.serves:
+                noted.served.append(one)
+            if changed:
+                return changed
+        return ()
 
     def reach(self, latest: int | None) -> None:
         """Set the maximum event time of all monitors."""

@@ -22,9 +22,10 @@ from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject
 from rvaft.readers.json_lines import NonFiniteEvent, marked
 from rvaft.readers.log import Batch
+from rvaft.stream.bulk import Groups
 from rvaft.stream.dispatch import Dispatch
 from rvaft.stream.order import NUMBERS, Place
-from rvaft.stream.run import Groups, KeyValues, Placed, TraceRun, Turn
+from rvaft.stream.run import KeyValues, Placed, TraceRun, Turn
 from rvaft.stream.sources import LogReading, Source, reading_of
 from rvaft.stream.statistics import EventKind
 

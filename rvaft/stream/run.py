@@ -4,16 +4,19 @@ A batch in which nothing can change is only counted; otherwise the events are ta
 """
 
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from datetime import datetime
 from functools import partial
 from heapq import heappop, heappush
+from itertools import repeat
 from math import inf
-from operator import itemgetter
-from typing import Final, TypeAlias, cast
+from operator import itemgetter, length_hint
+from typing import Any, Final, TypeAlias, cast
 
+from rvaft.engine.compiled_tree import EventClass
 from rvaft.engine.monitor import Engine
+from rvaft.engine.strategy import BatchEvent, Noted
 from rvaft.errors import TooLarge
 from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.values import Json, JsonObject
@@ -21,11 +24,11 @@ from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor, Repetition
 from rvaft.readers.log import Batch
-from rvaft.stream.bulk import EventGroup, changes_nothing, groups, needs_no_warning
+from rvaft.stream.bulk import EventGroup, Groups, changes_nothing, groups, needs_no_warning
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedTraces
-from rvaft.stream.lateness import RisingTimes
+from rvaft.stream.lateness import WAITING, BatchLateness, KeyedTimes, lateness, numbered_jumps
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
@@ -41,7 +44,6 @@ Turn: TypeAlias = tuple[int | None, JsonObject | KeyValues]
 """An event, or what stands for an irrelevant one, after its line."""
 Placed: TypeAlias = tuple[int, JsonObject]
 """An event after its place in a block, from 0."""
-Groups: TypeAlias = Sequence[tuple[EventKind, EventGroup]]
 StateBeside: TypeAlias = tuple[
     tuple[int, ...],
     tuple[OrderedDict[int, JsonObject], dict[int, int | None]],
@@ -93,10 +95,11 @@ class TraceRun:
         self.leads = True
         """Whether the ids of events are kept with the state of this run, of several over one trace."""
         self._tries = self._pause = 0
-        self.times: RisingTimes | None = None
-        """The times of the current batch, if none of its events is late."""
-        self._risen: list[tuple[RisingTimes, int, Sequence[int | None]]] = []
-        """The last batches without late events: times, the event before them, and lines."""
+        self.times: BatchLateness | None = None
+        """The times of the current batch, if one monitor reads all events and some may be late."""
+        self._passed: list[tuple[BatchLateness, int, Sequence[int | None]]] = []
+        """The last batches whose jumps are not noted: times, the event before them, and lines."""
+        self._keyed_times = KeyedTimes()
         self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
         self._deadlines: list[tuple[float, int, int, MonitoredTrace]] = []
@@ -118,6 +121,7 @@ class TraceRun:
         return watch
 
     def _may_forget_keys(self) -> bool:
+        self._keyed_times.settle()
         return not any(listener.each_key for listener in self.listeners)
 
     def _begin_trace(self, watch: MonitoredTrace) -> None:
@@ -143,10 +147,14 @@ class TraceRun:
 
     @property
     def watches(self) -> list[MonitoredTrace]:
-        """The monitored trace, or that of each key in order of first occurrence."""
-        if self._risen:
-            self._note_jumps()
+        """The monitored trace, or that of each key in order of first occurrence; see `settle`."""
         return [self.watch] if self.keys is None else self.keys.traces
+
+    def settle(self) -> None:
+        """Tell the monitors of the times of events that they did not read, before their states are kept."""
+        if self._passed:
+            self._note_jumps()
+        self._keyed_times.settle()
 
     def line_of(self, number: int) -> int | None:
         """Return the line of a current event in the input; None if it has no lines."""
@@ -193,16 +201,12 @@ class TraceRun:
         self.lines = before, block.lines
         events = block.events if self.keys is None or not block.passed else self._with_new_keys(block)
         monitors = self.plan.monitors
-        self.times = self._rising(block, events)
-        if self.times is None and self._risen:
-            self._note_jumps()
-        if block.times is not None and self.times is None and monitors.may_be_late:
-            events, kinds, found = block.times.events(), None, None
+        self.times = self._lateness(block, events)
         together = self.assumes_in_bulk and not (self.audience.each or monitors.counts_all)
-        together = together and (self.times is not None or not monitors.may_be_late)
         try:
-            steps = self._in_bulk(events, before, found, turns=turns) if together and events else None
+            steps = self._in_bulk(block, events, found, turns=turns) if together and events else None
             if steps is None:
+                events = self._with_late(block, events)
                 filled = self._filled(events, before) if monitors.counts_all else events
                 yield from self._take(filled, before, kinds, turns=turns)
             else:
@@ -226,14 +230,12 @@ class TraceRun:
         before: int,
         kinds: Mapping[int, EventKind] | None = None,
         *,
-        counted: bool = False,
         turns: bool = False,
     ) -> Iterator[int]:
-        """Step the monitors over events, in one loop for speed; `before` is the event before place
-        0.
+        """Step the monitors over events one by one; `before` is the event before place 0.
 
-        `kinds` are known kinds by the `id` of an event. If `counted`, the caller checks and counts the
-        events. With `turns`, yield the number of an event before its step.
+        `kinds` are known kinds by the `id` of an event. With `turns`, yield the number of an event before
+        its step.
         """
         prefix, keys, fresh = self.prefix, self.keys, self.plan.monitors
         each, _, of_concern = self.audience
@@ -246,8 +248,7 @@ class TraceRun:
         statistics, clock, assumed = self.totals.statistics, self.clock, self.assumed
         sees_times = fresh.sees_times
         watch: MonitoredTrace | None = self.watch
-        late: bool | None = None if self.times is None else False
-        times = self.times
+        times, late = self.times, False
         served, concerned = list[Placed](), list[Placed]()
         try:
             for place, event in events:
@@ -255,7 +256,7 @@ class TraceRun:
                 if turns:
                     yield number
                 self.number = number
-                if assumed is not None and not counted:
+                if assumed is not None:
                     data_warnings.note_broken(assumed, event, f"{prefix}event {number}")
                 if keys is not None:
                     if sees_times:
@@ -263,38 +264,30 @@ class TraceRun:
                     value = event.get(keyed_by) if keyed_by else None
                     watch = known.get((value,)) if type(value) is str else None
                     watch = watch or keys.of(event, number)
-                if not counted:
-                    if times is None:
-                        late = may_be_late and watch is not None and self._is_late(watch.monitors.engines[0], event)
-                    event_kind = kinds.get(id(event), types.nothing) if kinds is not None else look_up(event).of(event)
-                    if late:
-                        event_kind = types.late
-                    if watch is not None and late:
-                        engine = watch.monitors.engines[0]
-                        data_warnings.note_late(event, number, prefix, engine.latest, engine.jumps)
-                    elif event_kind.checks.looked_at or type(event) is not dict:
-                        data_warnings.see(event, number, prefix, event_kind)
-                    if statistics is not None:
-                        if event_kind.noted is statistics and event_kind.relevant is not None:
-                            statistics.events += 1
-                            statistics.tally[event_kind.relevant] += 1
-                        elif late:
-                            statistics.events += 1
-                        else:
-                            statistics.add(event, number, prefix, event_kind)
-                    if watch is not None:
-                        watch.events += 1
-                        if semantics_hint is not None and event_kind.entries:
-                            semantics_hint.keep(id(watch), number, event)
-                elif kinds is not None:
-                    event_kind = kinds[id(event)]
+                if may_be_late and watch is not None:
+                    late = self._is_late(watch, place, event) if times is None else place in times.late
+                event_kind = kinds.get(id(event), types.nothing) if kinds is not None else look_up(event).of(event)
+                if late and watch is not None:
+                    event_kind = types.late
+                    self._note_late(watch, place, event)
+                elif event_kind.checks.looked_at or type(event) is not dict:
+                    data_warnings.see(event, number, prefix, event_kind)
+                if statistics is not None:
+                    if event_kind.noted is statistics and event_kind.relevant is not None:
+                        statistics.events += 1
+                        statistics.tally[event_kind.relevant] += 1
+                    else:
+                        statistics.add(event, number, prefix, event_kind)
                 if watch is None:
                     continue
+                watch.events += 1
+                if semantics_hint is not None and event_kind.entries and not late:
+                    semantics_hint.keep(id(watch), number, event)
                 if event_kind.relevant or counts_all or (event_kind.serves and not skips):
                     monitors = watch.monitors
                     if times is not None:
                         monitors.reach(times.latest(place))
-                    changed = monitors.step(event, number, event_kind, late=late)
+                    changed = monitors.step(event, number, event_kind.classes, late=late)
                     if sees_times and keys is not None:
                         self._note_deadline(watch)
                     if monitors.concerned:
@@ -303,6 +296,7 @@ class TraceRun:
                         served.append((number, event))
                     if changed:
                         self._remember(served)
+                        served = []
                         self.notify(VerdictChange(watch, number, event, changed, self.line_of(number)))
                         continue
                     if of_concern and monitors.live and (monitors.concerned or (event_kind.relevant and not skips)):
@@ -318,55 +312,74 @@ class TraceRun:
             if clock is not None:
                 clock.see_all(concerned)
 
-    def _rising(self, block: Batch, events: Sequence[Placed]) -> RisingTimes | None:
-        """Return the times of events of which none is late, or None if each must be asked."""
+    def _lateness(self, block: Batch, events: Sequence[Placed]) -> BatchLateness | None:
+        """Return the times of a batch, or None if no event may be late, or each key has a latest time."""
         time, monitors = self.plan.monitors.time, self.watch.monitors
-        if not monitors.may_be_late or self.keys is not None or time is None or len(time.field) != 1:
+        if not monitors.may_be_late or self.keys is not None or time is None:
             return None
         latest = monitors.engines[0].latest
-        if block.times is not None:
-            known = cast("dict[object, RisingTimes | None]", block.times.known)
-            if (time, latest) not in known:
-                known[time, latest] = RisingTimes.of(time, block.times.values, latest, block.times.exact)
-            return known[time, latest]
-        if len(events) < max(FEW, block.total) or not events or {dict} != set(map(type, map(itemgetter(1), events))):
-            return None
-        field = time.field[0]
-        return RisingTimes.of(time, [event.get(field) for _, event in events], latest)
+        if block.times is None:
+            assert len(events) == block.total, "all events are read, since their times count"
+            return lateness(time, time.written_in([event for _, event in events]), latest)
+        known = cast("dict[object, BatchLateness]", block.times.known)
+        if (time, latest) not in known:
+            known[time, latest] = lateness(time, block.times.values, latest, block.times.exact)
+        return known[time, latest]
 
-    def _pass_times(self, times: RisingTimes, before: int, last: int) -> None:
+    def _with_late(self, block: Batch, events: Sequence[Placed]) -> Sequence[Placed]:
+        """Return the events with the late ones among the irrelevant events."""
+        if block.times is None or self.times is None or not self.times.late:
+            return events
+        also = self.times.late.keys() - {place for place, _ in events}
+        return sorted([*events, *((place, block.times.event(place)) for place in also)], key=itemgetter(0))
+
+    def _pass_times(self, times: BatchLateness, before: int, last: int) -> None:
         """Note the maximum time after a batch; its jumps are found when they are needed."""
-        self._risen.append((times, before, self.lines[1]))
-        if len(self._risen) > JUMPS:
+        self._passed.append((times, before, self.lines[1]))
+        if len(self._passed) > WAITING:
             self._note_jumps()
         self.watch.monitors.reach(times.latest(last))
 
     def _note_jumps(self) -> None:
         """Note the last jumps of the maximum time in the batches that have passed."""
         found = list[Jump]()
-        for times, before, lines in reversed(self._risen):
-            jumps = [(place, before + place + 1, old, new) for place, old, new in times.jumps]
-            line = {place: lines[place] for place, *_ in jumps} if lines else {}
-            known = [(number, old, new, line.get(place)) for place, number, old, new in jumps]
-            found = [*(Jump(*one[:3], None if one[3] == one[0] else one[3]) for one in known), *found]
+        for times, before, lines in reversed(self._passed):
+            found = [*numbered_jumps(times.jumps, before, lines), *found]
             if len(found) >= JUMPS:
                 break
         engine = self.watch.monitors.engines[0]
         engine.jumps = (*engine.jumps, *found)[-JUMPS:]
-        self._risen.clear()
+        self._passed.clear()
 
-    def _is_late(self, engine: Engine, event: JsonObject) -> bool:
-        """Whether the current event is late; a jump of its time is noted with its line."""
-        late, number = engine.is_late(event, self.number), self.number
-        if engine.jumps and engine.jumps[-1].number == number and (line := self.line_of(number)) not in (None, number):
-            engine.jumps = (*engine.jumps[:-1], engine.jumps[-1]._replace(line=line))
+    def _is_late(self, watch: MonitoredTrace, place: int, event: JsonObject) -> bool:
+        """Whether an event of a key is late."""
+        self._keyed_times.settle()
+        engine = watch.monitors.engines[0]
+        late = engine.is_late(event, *self._numbered(place))
+        self._keyed_times.greatest = max(self._keyed_times.greatest, engine.latest or -inf)
         return late
 
-    def _remember(self, served: list[Placed]) -> None:
-        """Keep events that an explanation may name."""
+    def _numbered(self, place: int) -> tuple[int, int | None]:
+        """Return the number of the event at a place, and its line if that differs."""
         before, lines = self.lines
-        self.buffer.remember_all(served, [lines[number - before - 1] for number, _ in served] if lines else ())
-        served.clear()
+        number = before + place + 1
+        return number, None if not lines or lines[place] == number else lines[place]
+
+    def _note_late(self, watch: MonitoredTrace, place: int, event: JsonObject) -> None:
+        """Warn of a late event at this place."""
+        if self._passed:
+            self._note_jumps()
+        (before, lines), engine = self.lines, watch.monitors.engines[0]
+        latest, jumps = engine.latest, engine.jumps
+        if self.times is not None:
+            latest, placed = self.times.late[place]
+            jumps = (*jumps, *numbered_jumps(placed, before, lines))[-JUMPS:]
+        self.totals.data_warnings.note_late(event, before + place + 1, self.prefix, latest, jumps)
+
+    def _remember(self, served: Sequence[tuple[Any, ...]]) -> None:
+        """Keep events that an explanation may name, each after its number."""
+        if served:
+            self.buffer.remember_all(served, *self.lines)
 
     def notify_unchanged(self, last: int) -> None:
         """Notify listeners of events without a change, up to this number."""
@@ -422,13 +435,12 @@ class TraceRun:
             self._notified, self._verdicts = change.number, monitors.verdicts
 
     def _in_bulk(
-        self, events: Sequence[Placed], before: int, found: Groups | None, *, turns: bool
+        self, block: Batch, events: Sequence[Placed], found: Groups | None, *, turns: bool
     ) -> Iterator[int] | None:
         """Return the steps over events as a batch: none if no event can change the state.
 
-        Return None if an event may cause a warning, or if a listener needs each. Places count from
-        the event `before`. After a failure the next blocks are not tried; the pause doubles up to `FEW`
-        blocks.
+        Return None if an event may cause a warning, or if a listener needs each. After a failure the next
+        blocks are not tried; the pause doubles up to `FEW` blocks.
         """
         self._tries -= 1
         keyed_by = "" if self.keys is None or len(self.keys.names) != 1 else self.keys.names[0]
@@ -436,72 +448,222 @@ class TraceRun:
             return None
         self._pause = self._tries = min(2 * self._pause + 1, FEW)
         bodies = [event for _, event in events]
-        totals, monitors = self.totals, self.watch.monitors
+        monitors, time = self.watch.monitors, self.plan.monitors.time
         if set(map(type, bodies)) != {dict}:
             return None
         if keyed_by and {str} != {type(event.get(keyed_by)) for event in bodies}:
             return None
+        late: Collection[int] = () if self.times is None else self.times.late
+        passing, rises = list[int | None](), False
+        if self.keys is not None and monitors.may_be_late and time is not None:
+            passing = time.of_all(time.written_in(bodies))
+            rises = len(events) == block.total and self._keyed_times.rises(passing)
+            late = () if rises else self._late_of_keys(self.keys, events, passing)
+        if late:
+            found, bodies = None, [event for place, event in events if place not in late]
         if found is None:
             found = groups(self.plan.monitors.types, bodies)
-        if found is None:
+        if found is None or (late and self.assumed is not None):
             return None
-        concerned, stepped = list[EventGroup](), None in map(self._watch_of, bodies)
+        concerned, stepped = list[EventGroup](), False
         for event_kind, group in found:
-            if not needs_no_warning(totals.data_warnings, group, event_kind):
+            if not needs_no_warning(self.totals.data_warnings, group, event_kind):
                 return None
             if self.assumed is not None and not self.assumed.is_kept(group):
                 return None
             fits = changes_nothing(monitors, group, event_kind, keyed=bool(keyed_by))
-            stepped = stepped or fits is None
-            if fits is not False:
+            if fits is not False and (monitors.live or self.clock is not None):
+                stepped = stepped or fits is None
                 concerned.append(group)
         if concerned and self.audience.of_concern and monitors.live:
             return None
         self._pause = self._tries = 0
+        batch = list[BatchEvent]()
         if stepped:
-            return self._counted_steps(found, events, before, turns=turns)
-        self._count(found, events, before)
-        if self.clock is not None and concerned:
-            self.clock.see_all(_numbered(concerned, events, before))
-        return iter(())
+            projects = monitors.semantics.projects
+            some = [(kind, group) for kind, group in found if kind.relevant or (kind.serves and not projects)]
+            batch = self._batch(some, [one for one in events if one[0] not in late], rises=rises)
+        elif self.clock is not None and concerned:
+            self.clock.see_all(_numbered(concerned, events, self.lines[0]))
+        if self.keys is None:
+            steps = self._steps(block, events, batch, turns=turns)
+        else:
+            came = self._keyed_times.add(passing, *self.lines) if rises else None
+            steps = self._steps_of_keys(self.keys, events, passing, late, batch, came=came, turns=turns)
+        return self._counted(steps, found, events, late)
 
-    def _counted_steps(self, found: Groups, events: Sequence[Placed], before: int, *, turns: bool) -> Iterator[int]:
-        """Step over events that are counted together."""
-        kinds = {id(event): kind for kind, group in found for event in group.events}
+    def _batch(self, some: Groups, events: Sequence[Placed], *, rises: bool) -> list[BatchEvent]:
+        """Return the events of some groups for the strategies, in order; those of keys have times that never fall."""
+        first, time, times = self.lines[0] + 1, self.plan.monitors.time, self.times
+        about = dict[int, tuple[Sequence[EventClass], int | None]]()
+        for event_kind, group in some:
+            known = repeat(None) if time is None else group.times(time)
+            about.update(zip(map(id, group.events), zip(repeat(event_kind.classes), known, strict=False), strict=False))
+        find = about.get
+        if time is None or (times is None and not rises):
+            return [(first + at, event, *found, None) for at, event in events if (found := find(id(event)))]
+        allowed, latest = time.late or 0, times.latest if times is not None else _itself
+        return [
+            (first + at, event, *found, None if (most := latest(at, found[1])) is None else most - allowed)
+            for at, event in events
+            if (found := find(id(event)))
+        ]
+
+    def _steps(
+        self, block: Batch, events: Sequence[Placed], batch: Sequence[BatchEvent], *, turns: bool
+    ) -> Iterator[int]:
+        """Step over a batch, which has no late events, and warn of those of the block."""
+        before, monitors, end = self.lines[0], self.watch.monitors, -inf
+        coming, noted, read = iter(batch), Noted([], []), 0
+        changed: Sequence[int] = (0,) if batch else ()
         try:
-            yield from self._take(events, before, kinds, counted=True, turns=turns)
-        except BaseException:  # count the events so far
-            came = {id(one) for place, one in events if before + place < self.number and self._watch_of(one)}
-            some = [(kind, [one for one in group.events if id(one) in came]) for kind, group in found]
-            found = [(kind, EventGroup(group)) for kind, group in some if group]
+            while changed:
+                try:
+                    changed = monitors.step_all(coming, noted)
+                finally:
+                    read = len(batch) - length_hint(coming)
+                    self.number = batch[read - 1][0] if read else self.number
+                if changed:
+                    if turns:
+                        yield self.number
+                    self._remember(noted.served)
+                    noted, one = Noted(noted.concerned, []), batch[read - 1]
+                    if self.times is not None:
+                        monitors.reach(self.times.latest(self.number - before - 1, one[3]))
+                    self.notify(VerdictChange(self.watch, self.number, one[1], changed, self.line_of(self.number)))
+            end = inf
+        except TooLarge:
+            if turns:
+                yield self.number
+            self.notify_unchanged(self.number - 1)
             raise
         finally:
+            self._remember(noted.served)
+            if self.clock is not None:
+                self.clock.see_all([one[:2] for one in noted.concerned])
+            late = () if self.times is None else [*self.times.late]
+            known = dict(events) if late else {}
+            for place in late:
+                if before + place < max(end, self.number):
+                    event = known[place] if place in known or block.times is None else block.times.event(place)
+                    self._note_late(self.watch, place, event)
+
+    def _late_of_keys(self, keys: KeyedTraces, events: Sequence[Placed], times: Sequence[int | None]) -> set[int]:
+        """Return the places of the events with these times that are late for their keys."""
+        self._keyed_times.settle()
+        (name,), time = keys.names, self.plan.monitors.time
+        latest, late, allowed = dict[Json, int | None](), set[int](), 0 if time is None else time.late or 0
+        for (place, event), now in zip(events, times, strict=True):
+            value = event[name]
+            if value not in latest:
+                watch = keys.known.get((value,)) or keys.find((value,))
+                latest[value] = None if watch is None else watch.monitors.engines[0].latest
+            before = latest[value]
+            if now is not None and (before is None or now > before):
+                latest[value] = now
+            elif now is not None and before is not None and before - now > allowed:
+                late.add(place)
+        self._keyed_times.greatest = max([self._keyed_times.greatest, *(one for one in times if one is not None)])
+        return late
+
+    def _steps_of_keys(
+        self,
+        keys: KeyedTraces,
+        events: Sequence[Placed],
+        times: Sequence[int | None],
+        late: Collection[int],
+        batch: Sequence[BatchEvent],
+        *,
+        came: list[MonitoredTrace] | None,
+        turns: bool,
+    ) -> Iterator[int]:
+        """Step over a batch, which has no late events, with the monitors of keys.
+
+        `times` are those of all events, which the monitors are told, or the traces of events are added to `came`.
+        """
+        (name,), known, first = keys.names, keys.known, self.lines[0] + 1
+        coming, noted = iter(batch), Noted([], [])
+        following = next(coming, None)
+        due = 0 if following is None else following[0]
+        try:
+            for (place, event), time in zip(events, times or repeat(None), strict=False):
+                number, watch = first + place, known.get((event[name],))
+                if watch is None:
+                    self.number = number
+                    if turns:
+                        yield number
+                    watch = keys.of(event, number)
+                    assert watch is not None, "each event has a key"
+                watch.events += 1
+                if came is not None:
+                    came.append(watch)
+                elif time is not None:
+                    watch.monitors.engines[0].pass_event(time, *self._numbered(place))
+                    if place in late:
+                        self._note_late(watch, place, event)
+                if number != due or following is None:
+                    continue
+                self.number = number
+                changed = watch.monitors.step_all(iter((following,)), noted)
+                following = next(coming, None)
+                due = 0 if following is None else following[0]
+                if changed:
+                    if turns:
+                        yield number
+                    self._remember(noted.served)
+                    noted = Noted(noted.concerned, [])
+                    self.notify(VerdictChange(watch, number, event, changed, self.line_of(number)))
+        except TooLarge:
+            if turns:
+                yield self.number
+            self.notify_unchanged(self.number - 1)
+            raise
+        finally:
+            self._remember(noted.served)
+            if self.clock is not None:
+                self.clock.see_all([one[:2] for one in noted.concerned])
+
+    def _counted(
+        self, steps: Iterator[int], found: Groups, events: Sequence[Placed], late: Collection[int]
+    ) -> Iterator[int]:
+        """Yield the steps over events, and count those that came; those at some places are late."""
+        before, failed = self.lines[0], True
+        try:
+            yield from steps
+            failed = False
+        finally:
+            if failed:
+                events = [one for one in events if before + one[0] < self.number and self._watch_of(one[1])]
+            if failed or late:
+                types = self.plan.monitors.types
+                behind = [event for place, event in events if place in late]
+                events = [one for one in events if one[0] not in late]
+                found = [*(groups(types, [event for _, event in events]) or ()), (types.late, EventGroup(behind))]
             self._count(found, events, before)
 
     def _count(self, found: Groups, events: Sequence[Placed], before: int) -> None:
         """Count events that cause no warning."""
         statistics, hint = self.totals.statistics, self.totals.semantics_hint
         if statistics is not None:
+            others = list[EventGroup]()
             for event_kind, group in found:
-                if event_kind.entries:
-                    statistics.events += len(group.events)
-                    statistics.seen |= event_kind.types
-                    if event_kind.relevant is not None:
-                        statistics.tally[event_kind.relevant] += len(group.events)
-            for number, event in _numbered([group for kind, group in found if not kind.entries], events, before):
+                if not (event_kind.entries or statistics.are_impossible(group.events)):
+                    others.append(group)
+                    continue
+                statistics.events += len(group.events)
+                statistics.seen |= event_kind.types
+                if event_kind.entries and event_kind.relevant is not None:
+                    statistics.tally[event_kind.relevant] += len(group.events)
+            for number, event in _numbered(others, events, before) if others else ():
                 statistics.add(event, number, self.prefix)
-        watches = {id(self.watch)}
         if self.keys is None:
             self.watch.events += sum(len(group.events) for _, group in found)
-        else:
-            values = Counter(event[self.keys.names[0]] for _, group in found for event in group.events)
-            known = [(self.keys.known.get((value,)), number) for value, number in values.items()]
-            watches = {id(watch) for watch, _ in known}
-            for watch, number in known:
-                if watch is not None:
-                    watch.events += number
-        if hint is not None and not all(map(hint.is_full, watches)):
-            for number, event in _numbered([group for kind, group in found if kind.entries], events, before):
+        if hint is None:
+            return
+        watches = {id(self.watch)} if self.keys is None else {id(self._watch_of(event)) for _, event in events}
+        if not all(map(hint.is_full, watches)):
+            read = [group for kind, group in found if kind.entries and kind is not self.plan.monitors.types.late]
+            for number, event in _numbered(read, events, before):
                 hint.keep(id(self._watch_of(event)), number, event)
 
     def _watch_of(self, event: JsonObject) -> MonitoredTrace | None:
@@ -571,12 +733,13 @@ class TraceRun:
         kind = self.plan.monitors.types.of(_NO_EVENT)
         while monitors.live and self.number + 1 < number:
             self.number += 1
-            if changed := monitors.step(_NO_EVENT, self.number, kind):
+            if changed := monitors.step(_NO_EVENT, self.number, kind.classes):
                 self.notify(VerdictChange(self.watch, self.number, _NO_EVENT, changed, self.line_of(self.number)))
 
     @property
     def state(self) -> RunState:
         """The state for `restore`."""
+        self.settle()
         return [watch.state for watch in self.watches], self.state_beside
 
     @property
@@ -608,6 +771,8 @@ class TraceRun:
             if key is None or self.keys is None:
                 self.watch = watch
             else:
+                latest = max((engine.latest or -inf for engine in monitors.engines), default=-inf)
+                self._keyed_times.greatest = max(self._keyed_times.greatest, latest)
                 self.keys.restore(watch, key)
         if self.keys is not None:
             self.keys.resume(keyed)
@@ -652,6 +817,10 @@ def _decided(monitor: Monitor, time: int) -> Verdict:
         monitor.begin_again()
         monitor = monitor.current
     return monitor.decide(time) if isinstance(monitor, Engine) else monitor.verdict
+
+
+def _itself(_place: int, time: int | None) -> int | None:
+    return time
 
 
 def _numbered(some: Iterable[EventGroup], events: Iterable[Placed], before: int) -> list[Placed]:

@@ -108,6 +108,7 @@ class EventTypeIndex:
         self.patterns = (*(one.pattern for _, _, one in letters), *also)
         self.shapes = PatternIndex(self.patterns, self._table)
         self.late = EventKind(classes=(EventClass(),) * len(engines))
+        self.late.entries, self.late.relevant = True, None  # counted only
         reads = TreeReads(tree)
         self.discriminators: Discriminators = reads.discriminators
         self.read = reads.patterns
@@ -267,6 +268,16 @@ class Statistics:
             return False
         self.tally[event_kind.relevant] += 1
         return bool(event_kind.relevant)
+
+    def are_impossible(self, events: Sequence[Mapping[str, Json]]) -> bool:
+        """Whether events that match no entry of the alphabet are known to be no near misses."""
+        fields = self.types.discriminators.fields
+        columns = [[event.get(field) for event in events] for field in fields]
+        try:
+            found = set(zip(*columns, strict=True)) if fields else {()}
+        except TypeError:  # a list or an object
+            return False
+        return all(self.types.discriminators.apart(values) in self.types.impossible for values in found)
 
     @property
     def relevant(self) -> Counter[str]:

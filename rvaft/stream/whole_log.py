@@ -165,7 +165,7 @@ def read(run: TraceRun, answer: LogAnswer) -> Iterator[bool]:
         if watch is None or not watch.monitors.live:
             continue
         unchanged.notify(number)
-        changed = watch.monitors.step(event, number, types.of(event))
+        changed = watch.monitors.step(event, number, types.of(event).classes)
         if watch.monitors.serves:
             watch.buffer.remember(number, event, line)
         if changed:

@@ -117,7 +117,10 @@ def agreeing(translator: Backend, made: RVAFT, semantics: Semantics, traces: Ite
             return 0  # what it must express the examples say
         assert translator.name in ("rml", "c")
         text = dumps(made)
-        assert made.variables or made.time is not None or "[...," in text or asks_of_strings(made, semantics), text
+        own = any(node.own_values for node in made.nodes.values())
+        assert own or made.variables or made.time is not None or "[...," in text or asks_of_strings(made, semantics), (
+            text
+        )
         return 0
     monitor = specification.monitor()
     wanted = [one for one in traces if not translator.json_alone or all(map(is_finite, one))]

@@ -46,7 +46,18 @@ SHAPES: Final = {
     "and": shape("and"),
 }
 BY_SEMANTICS: Final = {
-    Semantics.PROJECTED: ["automaton", "c", "ltlf", "match-recognize", "mfotl", "mtl", "rml", "sql", "sql-table"],
+    Semantics.PROJECTED: [
+        "automaton",
+        "c",
+        "ltlf",
+        "match-recognize",
+        "mfotl",
+        "mtl",
+        "rml",
+        "rml-paper",
+        "sql",
+        "sql-table",
+    ],
     Semantics.SCATTERED: ["automaton", "c", "eql", "kql", "ltlf", "mfotl", "mtl", "rml", "sigma", "sql", "stix"],
 }
 CASES: Final = {
@@ -75,6 +86,8 @@ REFUSED: Final = {
     ],
     "and": [(name, Semantics.SCATTERED) for name in ("c", "eql", "kql", "match-recognize", "mtl", "sigma", "sql")],
     "and, within": [(name, Semantics.SCATTERED) for name in ("c", "kql", "sigma", "sql")],
+    "sand": [(name, Semantics.PROJECTED) for name in ("c", "eql", "kql", "sigma", "stix")],
+    "long sand": [(name, Semantics.STRICT) for name in ("match-recognize", "mtl", "mtl-r2u2")],
 }
 """What the default limit, or the language, does not allow."""
 
@@ -112,10 +125,37 @@ def test_twice_as_many_leaves_take_twice_as_long(
     assert slow == []
 
 
+LARGE: Final = 10_000
+BITS: Final = 3.9
+"""The same for an automaton, whose letters are sets of all leaves: numbers of 20,000 bits."""
+
+
+@pytest.mark.slow
+def test_texts_of_twenty_thousand_leaves_take_twice_as_long_as_of_ten_thousand(
+    ratios: Ratios, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An `or`, in every language and under each semantics that write it."""
+    trees = [loads(SHAPES["or"](count)) for count in (LARGE, 2 * LARGE)]
+    for tree in trees:
+        assert tree.alphabet  # is computed once for a tree
+    slow = []
+    for semantics, names in BY_SEMANTICS.items():
+        for name in names:
+            rounds = [[seconds(tree, name, semantics) for tree in trees] for _ in range(2)]
+            ratio = min(last for _, last in rounds) / min(first for first, _ in rounds)
+            most = BITS if name == "automaton" else MOST
+            ratios.add(f"{name} of or, {semantics}: {2 * LARGE:,} leaves", f"{LARGE:,} leaves", ratio, most)
+            with capsys.disabled():
+                print(f"\n{name:16} {semantics:10} {min(last for _, last in rounds):7.2f} s {ratio:5.2f}", end="")
+            slow += [(name, semantics, ratio)] if ratio >= most else []
+    assert slow == []
+
+
 @pytest.mark.parametrize("title", REFUSED)
 def test_refusals_come_before_the_work(title: str, ratios: Ratios) -> None:
     """They take little more than reading the tree."""
-    text = (SHAPES | {"and, within": shape("and", "_", " within 1 min")})[title](5 * COUNT if title == "or" else COUNT)
+    others = {"and, within": shape("and", "_", " within 1 min"), "long sand": SHAPES["sand"]}
+    text = (SHAPES | others)[title](COUNT * {"or": 5, "long sand": 4}.get(title, 1))
     start = time.process_time()
     tree = loads(text)
     assert tree.alphabet

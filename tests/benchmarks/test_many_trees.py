@@ -16,7 +16,7 @@ EVENTS: Final = 20_000
 ACTIONS: Final = [f"act{number}" for number in range(60)]
 
 
-def written(folder: Path) -> list[Path]:
+def written(folder: Path, events: int = EVENTS) -> list[Path]:
     """Write trees of three events of a user within 30 minutes, and a log of which a tenth is relevant."""
     random, found = Random(5), list[Path]()
     for number in range(TREES):
@@ -27,7 +27,7 @@ def written(folder: Path) -> list[Path]:
         found.append(folder / f"rule{number:03}.rvaft")
         found[-1].write_text(text, encoding="utf-8")
     with (folder / "log.jsonl").open("w", encoding="utf-8") as log:
-        for number in range(EVENTS):
+        for number in range(events):
             action = random.choice(ACTIONS) if random.random() < 0.1 else f"other{random.randrange(30)}"
             event = {"time": number * 1.5, "action": action, "user": f"u{random.randrange(10)}"}
             event |= {"host": f"h{random.randrange(500)}", "text": "some text " * random.randrange(8)}

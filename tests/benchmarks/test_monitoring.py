@@ -40,7 +40,18 @@ from rvaft.cli import main
 from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
 from tests.benchmarks.conftest import Ratios
-from tests.benchmarks.logs import BOUND, ENDING, TREE, Log, attacks, ignoring_tree, inspections, telemetry
+from tests.benchmarks.logs import (
+    BOUND,
+    ENDING,
+    SSHD_TREE,
+    TREE,
+    Log,
+    attacks,
+    ignoring_tree,
+    inspections,
+    sshd,
+    telemetry,
+)
 
 TYPES: Final = ("move", "result", "inspect", "radiation", "goal")
 """The event types of the tree, in its order."""
@@ -542,6 +553,99 @@ def test_a_detection_and_its_explanation(
         ratio = 10 * best[name] / min(its for _, its in rounds)
         ratios.add(f"a detection in the API, {name}", "orjson.loads of an event", ratio, most)
         lines.append(f"a detection in the API, {name:18} {ratio:8.1f} x, at most {most}")
+        if ratio > most:
+            slow.append(lines[-1])
+    require_fast(capsys, lines, slow)
+
+
+# -- joins by a variable, with times -----------------------------------------------------------------------------------
+
+STEPS_TREE: Final = """event a(u) = { event: "a", user: u };
+event b(u) = { event: "b", user: u };
+event c(u) = { event: "c", user: u };
+time time as s late 0 s;
+semantics scattered;
+top sand x y z within 10 s;
+x on a(U); y on b(U); z on c(U);
+"""
+"""Three steps of one user within 10 s."""
+
+
+def steps(file: Path, events: int) -> None:
+    """Write steps of 100 users; three of four events are of the tree, and times never fall."""
+    random, now = Random(4), 1_000.0
+    with file.open("w", encoding="utf-8") as stream:
+        for number in range(events):
+            now += 0.05 + random.random() / 10
+            event = {"time": round(now, 3), "event": random.choice("abcd"), "user": f"u{random.randrange(100)}"}
+            event |= {"host": f"web-{random.randrange(30)}", "message": "something happened", "id": number}
+            stream.write(json.dumps(event) + "\n")
+
+
+@pytest.mark.benchmark
+def test_values_that_events_share_and_their_times(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios
+) -> None:
+    """In multiples of `orjson.loads`: failures and a success of one address, all together and by key, and steps of
+    one user; and in multiples of the time without them: lateness and assumptions.
+    """
+    attackers, users = tmp_path / "sshd.jsonl", tmp_path / "steps.jsonl"
+    detections = sshd(attackers, 100_000).total()
+    steps(users, 100_000)
+    robot = telemetry(tmp_path / "robot.jsonl", 100_000).file
+    watching = f'import "{TREE}";\nsemantics scattered;\n'
+    trees = {
+        "sshd": SSHD_TREE,
+        "steps": STEPS_TREE,
+        "assumed": f"{STEPS_TREE}assume types, present, exact;\n",
+        "robot": f"{watching}time time as s;\n",
+        "late": f"{watching}time time as s late 0 s;\n",
+    }
+    for name, text in trees.items():
+        (tmp_path / f"{name}.rvaft").write_text(text, encoding="utf-8")
+
+    def own(tree: str, log: Path, *options: str, found: int | None = None) -> float:
+        words = ["monitor", str(tmp_path / f"{tree}.rvaft"), str(log), *options]
+        with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()):
+            taken = timed(lambda: main(words, standalone_mode=False))
+        assert found is None or said.getvalue().count(": true") == found
+        return taken
+
+    def decoded(log: Path) -> float:
+        return decoding(orjson.loads)(Log(log, 1, Counter(), 0))[1]
+
+    loads_of = "orjson.loads"
+    bars: list[tuple[str, str, Callable[[], float], Callable[[], float], float]] = [
+        (
+            "failures of one address",
+            loads_of,
+            lambda: own("sshd", attackers, "--repeat"),
+            lambda: decoded(attackers),
+            13,
+        ),
+        (
+            "failures by key",
+            loads_of,
+            lambda: own("sshd", attackers, "--key", "ip", "--repeat", found=detections),
+            lambda: decoded(attackers),
+            26,
+        ),
+        ("steps of one user", loads_of, lambda: own("steps", users, "--repeat"), lambda: decoded(users), 17),
+        (
+            "steps of one user, assume",
+            "without",
+            lambda: own("assumed", users, "--repeat"),
+            lambda: own("steps", users, "--repeat"),
+            1.25,
+        ),
+        ("telemetry, late 0 s", "without", lambda: own("late", robot), lambda: own("robot", robot), 1.9),
+    ]
+    lines, slow = [], []
+    for name, compared, mine, other, most in bars:
+        taken = [(mine(), other()) for _ in range(4)]
+        ratio = min(one for one, _ in taken) / min(one for _, one in taken)
+        ratios.add(name, compared, ratio, most)
+        lines.append(f"{name:28} {compared:14} {ratio:8.2f} x, at most {most}")
         if ratio > most:
             slow.append(lines[-1])
     require_fast(capsys, lines, slow)

@@ -6,6 +6,7 @@
 import contextlib
 import io
 import json
+import os
 import re
 import resource
 import statistics
@@ -192,6 +193,36 @@ def test_cold_start(arguments: str, aim: float, capsys: pytest.CaptureFixture[st
     with capsys.disabled():
         print(f"\nrvaft {arguments[:7]}: {ours:.3f} s (aim {aim} s), {ours / bare:.1f} x an empty Python")
     assert ours / bare < 60
+
+
+STARTS = {
+    "--version": (1.6, ["--version"]),
+    "check": (2.8, ["check", str(TREE)]),
+    "emit to Sigma": (3.2, ["emit", str(TREE), "--to", "sigma", "--semantics", "scattered"]),
+    "emit to LTLf": (3.2, ["emit", str(TREE), "--to", "ltlf"]),
+    "monitor": (3.5, ["monitor", str(TREE), str(TREE.with_suffix(".traces") / "table2_row3.jsonl")]),
+}
+"""Commands, each with the most processor time as a multiple of what their libraries take."""
+
+
+@pytest.mark.parametrize("title", STARTS)
+def test_the_start_costs_little_more_than_its_libraries(title: str, ratios: Ratios, tmp_path: Path) -> None:
+    """The least processor time of eleven processes in turn, with byte code, against `import click, lark`."""
+    most, arguments = STARTS[title]
+    environment = {**os.environ, "PYTHONPYCACHEPREFIX": str(tmp_path)}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+
+    def processor(*words: str) -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([sys.executable, *words], capture_output=True, env=environment, check=False)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    calls = [("-c", "import click, lark"), ("-m", "rvaft", *arguments)]
+    found = [[processor(*words) for words in calls] for _ in range(12)][1:]  # the first round writes byte code
+    libraries, ours = (min(times) for times in zip(*found, strict=True))
+    ratios.add(f"start: rvaft {title}", "import click, lark", ours / libraries, most)
+    assert ours / libraries < most
 
 
 STARTED = """import sys

@@ -97,7 +97,7 @@ def test_a_command_of_the_project_that_is_not_installed_says_what_to_do(monkeypa
     assert "Model:" not in run("--help").stdout
 
 
-@pytest.mark.parametrize(("command", "most"), [(("--version",), 260), (("check",), 330), (("monitor",), 350)])
+@pytest.mark.parametrize(("command", "most"), [(("--version",), 260), (("check",), 300), (("monitor",), 340)])
 def test_the_start_imports_what_it_uses(command: tuple[str, ...], most: int, tmp_path: Path) -> None:
     """A count of modules; neither the look-up of entry points nor that of resources belongs to the start."""
     (tree := tmp_path / "tree.rvaft").write_text("top sand a b;", encoding="utf-8")
@@ -110,3 +110,23 @@ def test_the_start_imports_what_it_uses(command: tuple[str, ...], most: int, tmp
     assert len(names) < most
     unused = {"importlib.metadata", "importlib.resources", "email.message", "zipfile", "xml.etree.ElementTree"}
     assert command == ("--version",) or not names & unused
+
+
+NOT_FOR_TEXTS = {"rvaft.engine", "rvaft.readers", "rvaft.stream", "rvaft.export.layout", "rvaft.export.dot", "networkx"}
+"""What these translations do not need: the engine, readers, drawings, and a library that imports slowly."""
+
+
+@pytest.mark.parametrize(("language", "most"), [("sigma", 59), ("sql", 64), ("kql", 60), ("stix", 61)])
+def test_a_translation_imports_what_it_uses(language: str, most: int, tmp_path: Path) -> None:
+    """A count of the modules and packages of the project."""
+    (tree := tmp_path / "tree.rvaft").write_text("top or a b;", encoding="utf-8")
+    program = (
+        "import sys; from rvaft.cli import main\n"
+        "main(sys.argv[1:], standalone_mode=False)\n"
+        "print(*sys.modules, file=sys.stderr)"
+    )
+    call = [sys.executable, "-c", program, "emit", str(tree), "--to", language, "--semantics", "scattered"]
+    names = subprocess.run(call, capture_output=True, text=True, check=True).stderr.split()
+    assert set(names) & NOT_FOR_TEXTS == set()
+    own = [name for name in names if name.partition(".")[0] in ("rvaft", "backends", "cross_check", "papers")]
+    assert 20 < len(own) <= most

@@ -152,7 +152,7 @@ def test_a_language_without_the_parts_of_a_gate_refuses_it(made: Made) -> None:
     sampled(
         [
             ("core", conformance("inhibit", "automaton"), "Expected code to be unreachable"),
-            ("drawings", "import rvaft.export", "AssertionError: every gate has"),
+            ("drawings", "import rvaft.export.layout", "AssertionError: every gate has"),
             ("grammar", conformance("inhibit", "automaton"), "inhibit"),
             ("reference", conformance("inhibit", "automaton"), "construct `inhibit`"),
             ("conformance", "import backends.conformance", "AssertionError: {<Gate.INHIBIT"),

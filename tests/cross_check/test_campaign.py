@@ -18,7 +18,7 @@ from cross_check.results import Job, Result, Status
 from cross_check.traces import Effort
 from rvaft import Causality, Gate, Semantics, dumps, loads
 from rvaft.model.values import Json
-from rvaft.rules import require_valid
+from rvaft.rules.validity import require_valid
 
 ROSTER = Roster(backends=("rml",))
 ENTRIES = list(catalogue())

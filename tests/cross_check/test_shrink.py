@@ -26,7 +26,7 @@ from rvaft.errors import unwritten
 from rvaft.model.guards import time_points
 from rvaft.model.patterns import Literal
 from rvaft.model.values import Json
-from rvaft.rules import require_valid
+from rvaft.rules.validity import require_valid
 from tests.faults.wrong_trees import MISTAKES, rebuilt
 from tests.tables import rows
 

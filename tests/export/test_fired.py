@@ -11,7 +11,8 @@ import rvaft
 from rvaft import RVAFT, Explanation, Kind, load, loads, to_dot
 from rvaft.core.branches import restrict
 from rvaft.engine import Engine
-from rvaft.export import fired_dot, fired_text, picture
+from rvaft.export.dot import picture
+from rvaft.export.drawing import fired_dot, fired_text
 from rvaft.export.layout import LONGEST
 from rvaft.export.text import MARK, MAX_LEVELS
 from rvaft.monitors import MatchedEvent

@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from rvaft import RVAFT, Node, OptionError, TreeError, load, loads, to_dot
-from rvaft.export import Format, Look, draw, format_of, losses
-from rvaft.export.layout import looking, wrapped, wrapped_code
+from rvaft.export.drawing import draw
+from rvaft.export.formats import Format, format_of
+from rvaft.export.interchange import losses
+from rvaft.export.layout import Look, looking, wrapped, wrapped_code
 from rvaft.export.text import MAX_LEVELS
 from rvaft.export.tikz import escaped
 from tests.cli.runs import FULL, PRUNED, run

@@ -9,7 +9,8 @@ import pytest
 
 import rvaft
 from rvaft.errors import OptionError
-from rvaft.readers.profile import SHIPPED, profile
+from rvaft.readers.log import SHIPPED
+from rvaft.readers.profile import profile
 from rvaft.readers.registry import UnknownFormat, profile_reader
 from tests.cli.runs import run
 from tests.tables import rows

@@ -12,8 +12,8 @@ from rvaft.language.parser import parse, parse_file
 from rvaft.model import nodes, tree
 from rvaft.model.guards import Operation, Operator
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
-from rvaft.rules import RULES, UnknownRule, check, check_draft, check_tree, explain, meanings, require_valid
-from rvaft.rules.registry import CODES, page
+from rvaft.rules.registry import CODES, RULES, UnknownRule, check, check_tree, explain, meanings, page
+from rvaft.rules.validity import check_draft, require_valid
 from tests.tables import rows
 
 ROOT = Path(__file__).parents[2]
@@ -78,7 +78,7 @@ def test_an_unknown_code_is_answered_with_a_guess() -> None:
 
 def test_checking_an_ordinary_tree_imports_no_algebra() -> None:
     program = (
-        "import sys; from rvaft.language.parser import parse; from rvaft.rules import check; "
+        "import sys; from rvaft.language.parser import parse; from rvaft.rules.registry import check; "
         f"print([f.code for f in check(parse({meanings()['contradictory-guards'].bad!r}))]); print('sympy' "
         "in sys.modules)"
     )

@@ -15,7 +15,7 @@ from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Operation, Operator, holds, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
-from rvaft.rules import check_tree
+from rvaft.rules.registry import check_tree
 from rvaft.semantics import Scenario, feasible_scenarios, scenarios
 from tests.core.trees import random_tree, with_times
 

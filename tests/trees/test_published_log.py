@@ -14,7 +14,7 @@ import pytest
 import rvaft
 from rvaft import RVAFT, Awaited, Ended, Monitor, Pending, Verdict
 from rvaft.coverage import Coverage
-from rvaft.export import fired_text
+from rvaft.export.drawing import fired_text
 from rvaft.readers.json_lines import read
 from rvaft.semantics import Reference
 from tests.cli.runs import PRUNED

@@ -10,7 +10,7 @@ from cross_check.results import Job
 from rvaft import NotExpressible, Semantics, TooLarge, ToolMissing, Verdict, all_backends
 from rvaft.backend import backend
 from rvaft.model.assumptions import first_violation
-from rvaft.rules import check_tree
+from rvaft.rules.registry import check_tree
 from tests.tables import sampled
 from tests.trees import shipped
 

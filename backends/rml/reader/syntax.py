@@ -8,8 +8,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, TypeAlias, TypeVar
 
-import networkx as nx
-
 from rvaft.errors import LanguageError, TooLarge
 from rvaft.model.values import Json
 
@@ -283,6 +281,8 @@ def check(program: RmlProgram) -> None:
 
 
 def _check_derived(program: RmlProgram) -> None:
+    import networkx as nx  # noqa: PLC0415 -- slow to import
+
     graph = nx.DiGraph()
     for declaration in program.declarations:
         parents = [parent for parent in declaration.alternatives if isinstance(parent, TypeUse)]
@@ -335,6 +335,8 @@ def _check_contractive(program: RmlProgram) -> None:
         return halting[name] is not before
 
     program.settle(is_new)
+    import networkx as nx  # noqa: PLC0415 -- slow to import
+
     graph = nx.DiGraph((name, unfolded) for name in program.equations for unfolded in of(name)[1])
     known = {equation.name for equation in program.reachable()}
     for cycle in nx.strongly_connected_components(graph):

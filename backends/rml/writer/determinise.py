@@ -193,6 +193,7 @@ class Determinised:
         self._known: dict[int, frozenset[str]] = {}
         names = RmlNames()
         ordered = [name for name in self._tree.variables if name in letters.remembered]
+        ordered += sorted(letters.remembered.difference(ordered))  # of counted events
         self._wanted = {name: names.fresh(name, otherwise="v") for name in ordered}
         self.registers: dict[str, None] = {}
         ready: dict[int, dict[int, int]] = {}  # for each occurrence, its predecessors and their scenarios

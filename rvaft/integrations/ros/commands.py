@@ -10,7 +10,7 @@ from typing import Any, Final
 import click
 
 from rvaft.api import narrowed, resolve_semantics
-from rvaft.cli import options, warn
+from rvaft.cli import log_options, options, warn
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.integrations.ros import configuration as ros
 from rvaft.integrations.ros.connections_page import ConnectionsPage
@@ -125,7 +125,7 @@ _MEBIBYTE: Final = 1024 * 1024
     default=Vocabulary.RML,
 )
 @click.option("--definitive", is_flag=True, help=_DEFINITIVE)
-@options.strict_json
+@log_options.strict_json
 @options.number("--max-connections", most=100_000, default=CONNECTIONS, text="Maximum number of connections.")
 @click.option("--quiet", is_flag=True, help="Do not report connections, refused messages and detections.")
 @options.number(

@@ -23,10 +23,10 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.readers.bag import TIME
-from rvaft.rules.rule import listing
 from rvaft.stream.monitor_set import Per, columns
 from rvaft.support.budget import Budget, Undecided
 from rvaft.support.network import LOCAL, is_address, require_host
+from rvaft.support.wording import listing
 
 SUFFIXES: Final = {"rml": ".rml", "rml-prolog": ".pl"}
 """The backends for the RML oracle of ROSMonitoring, with the suffixes of their files."""

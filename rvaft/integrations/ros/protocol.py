@@ -18,12 +18,12 @@ from typing import Any, Final, Self
 
 from rvaft.api import monitor, resolve_semantics
 from rvaft.core.classifier import TreeReads
-from rvaft.engine.monitor import DEFAULT_LIMIT
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.monitors import DEFAULT_LIMIT
 from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
 from rvaft.stream.data_warnings import DataWarnings, checked

@@ -18,7 +18,7 @@ from cross_check.generate.trees import Shape, random_tree
 from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
 from rvaft.backend import all_backends, backend
 from rvaft.core.branches import restrict
-from rvaft.export import picture
+from rvaft.export.dot import picture
 from rvaft.support.budget import Work
 from tests.backends.texts import tree
 from tests.cli.runs import PRUNED, TREES

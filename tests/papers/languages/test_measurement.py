@@ -41,7 +41,7 @@ from rvaft.engine import Engine
 from rvaft.model.guards import Operator
 from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
-from rvaft.rules import require_valid
+from rvaft.rules.validity import require_valid
 from tests.cli.runs import PRUNED
 from tests.tables import sampled
 

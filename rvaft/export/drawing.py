@@ -1,0 +1,70 @@
+"""Drawings of trees and detections, and trees in other formats."""
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from rvaft.core.branches import whole
+from rvaft.export.dot import dot_text, picture
+from rvaft.export.formats import PICTURES, WRITTEN, Format
+from rvaft.export.interchange import galileo_text, json_text
+from rvaft.export.layout import PLAIN, TERMINAL, Look, marks
+from rvaft.export.text import tree_text
+from rvaft.export.tikz import tikz_text
+from rvaft.language.printer import dumps
+from rvaft.model.tree import RVAFT
+from rvaft.model.values import Json
+from rvaft.monitors import Explanation
+
+_DRAWN: Final[Mapping[Format, Callable[[RVAFT, Look], str]]] = {
+    Format.TREE: tree_text,
+    Format.DOT: dot_text,
+    Format.TIKZ: tikz_text,
+}
+_WRITTEN: Final[Mapping[Format, Callable[[RVAFT], str]]] = {
+    Format.JSON: json_text,
+    Format.GALILEO: galileo_text,
+    Format.RVAFT: dumps,
+}
+assert set(_DRAWN) | set(PICTURES) == set(Format) - WRITTEN, "every drawing is made in one way"
+assert set(_WRITTEN) == WRITTEN, "every other format is written in one way"
+
+
+def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
+    """Return the tree in that format; formats that are not drawings ignore the look.
+
+    By default the terminal shows runtime events and guards, pictures do not. Raises `ToolMissing`
+    and `ToolFailed` for pictures, and `OptionError`.
+    """
+    chosen = look if look is not None else TERMINAL if form is Format.TREE else PLAIN
+    if form in PICTURES:
+        return picture(dot_text(tree, chosen), form.value)
+    text = _DRAWN[form](tree, chosen) if form in _DRAWN else _WRITTEN[form](tree)
+    return text.encode("utf-8", errors="replace")
+
+
+def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], *, colour: bool = False) -> str:
+    """Return a detection as a tree for the terminal, with matched nodes and their events marked.
+
+    `events` has the known matched events by number, from 1. `colour` adds ANSI escapes: marked
+    lines are bold, yellow for faults and red for attacks; others are faint.
+
+    >>> import rvaft
+    >>> tree = rvaft.loads("top and a b;")
+    >>> monitor, log = rvaft.monitor(tree), [{"event": "b"}, {"event": "a"}]
+    >>> verdicts = list(monitor.run(log))
+    >>> print(fired_text(tree, monitor.explanation, dict(enumerate(log, 1))), end="")
+    ● top AND
+    ● ├─ a  event 2
+    ● └─ b  event 1
+    <BLANKLINE>
+    branch 1
+    """
+    tree = whole(tree)
+    return tree_text(tree, Look(events=True, marks=marks(tree, explanation, events)), colour=colour)
+
+
+def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
+    """Return a detection in the DOT language: matches bold, the rest grey."""
+    tree = whole(tree)
+    wide = 26  # for long values, on a screen
+    return dot_text(tree, Look(events=True, wrap=wide, marks=marks(tree, explanation, events)))

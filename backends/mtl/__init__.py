@@ -39,7 +39,7 @@ class MtlCapabilities(Backend):
     ties: ClassVar[Ties] = Ties.NONE
     reasons: ClassVar[Mapping[Capability, Reason]] = {
         Within: unwritten("R2U2 counts steps, and windows are durations"),
-        Without: unwritten("R2U2 counts steps, so its texts have no absent events"),
+        Without: unwritten("texts for R2U2 are written without absent events"),
         Feature.TIME_POINTS: unwritten("windows (`within`) are the only condition on time that is written"),
         Ties.ALL_EVENTS: _ONE_EVENT,
         Ties.ANY: _ONE_EVENT,

@@ -12,6 +12,7 @@ from backends.conformance import asks_of_strings
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from cross_check.participants import detected, detections
 from rvaft import RVAFT, Backend, Gate, Monitor, Node, NotExpressible, Semantics, TooLarge, Verdict, dumps, loads
+from rvaft.core.patterns import overlaps
 from rvaft.model.assumptions import first_violation
 from rvaft.model.guards import variables
 from rvaft.model.nodes import Side, Without
@@ -52,8 +53,20 @@ def _of_automata(tree: RVAFT, semantics: Semantics) -> bool:
     return unguarded and not semantics.projects and _of_ltlf(tree, semantics)
 
 
+def _of_eql(tree: RVAFT, semantics: Semantics) -> bool:
+    """The root's own, between events with other patterns."""
+    return all(
+        clause.side is Side.DURING
+        and clause.when is None
+        and (node == tree.root or (tree.nodes[node].leaf and tree.nodes[node].times == 1))
+        and not any(overlaps(pattern, other) for name in tree.occurrences if (other := tree.pattern(name)) is not None)
+        for node, clause, pattern in tree.absences
+    )
+
+
 ABSENCES: Final[dict[str, Callable[[RVAFT, Semantics], bool]]] = {
     "automaton": _of_automata,
+    "eql": _of_eql,
     "ltlf": _of_ltlf,
     "mtl": _without_durations,
 }

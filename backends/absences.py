@@ -121,6 +121,6 @@ def refuse_timeless(prop: Property) -> None:
         if clause.side is Side.BEFORE:
             why = "after an event that is absent `before`, the text would be false at once, and the tree is not"
             raise NotExpressible(unwritten(why), nodes=nodes)
-        if clause.own.intersection(variables(clause.guard)):
-            why = "guards of absent events are written over variables of the tree alone"
+        if clause.shared and clause.own.intersection(variables(clause.guard)):
+            why = "guards of absent events are written over variables of the tree alone, or of their own alone"
             raise NotExpressible(unwritten(why), nodes=nodes)

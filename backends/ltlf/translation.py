@@ -11,7 +11,7 @@ from backends.ltlf.parts import Anatomy, GuardsOf, settled, simplified
 from backends.ltlf.reader import Header, Observation
 from rvaft.backend import Metrics
 from rvaft.core.part_numbers import NumberedParts, numbered
-from rvaft.core.property import Event, Property
+from rvaft.core.property import Event, Property, Without
 from rvaft.core.scenarios import Ready, Scenario, scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TreeError
@@ -41,6 +41,8 @@ class Translation:
         self._header = Header(time=prop.time)
         self._formulas = Formulas(limit)
         self._atoms: dict[Observation, int] = {}
+        self._own: dict[Observation, int] = {}
+        """The atoms of absent events whose guards are over variables of their own."""
         self._rank: dict[str, int] = {}
         self._place = {event: place for place, event in enumerate(prop.events)}
         nodes = Counter(event.source.node for event in prop.events)
@@ -99,6 +101,19 @@ class Translation:
             self._atoms[observation] = self._formulas.atom(name)
         return self._atoms[observation]
 
+    def _absent(self, clause: Without) -> int:
+        """Return the atom of the events that break a clause."""
+        name, rank = f"{clause.source.node}_absent", len(self._place)
+        if clause.guard is None or clause.shared:
+            breaking = breaking_event(clause)
+            return self._atom(breaking.pattern, () if breaking.when is None else (breaking.when,), name, rank)
+        observation = Observation(clause.pattern, (clause.guard,))
+        if observation not in self._own:  # for some values of its variables, as relevant events are
+            name = self._fresh(name)
+            self._header.relevant[name] = [observation]
+            self._own[observation] = self._formulas.atom(name)
+        return self._own[observation]
+
     def _of_scenario(self, scenario: Scenario, relevant: int) -> int:
         """Return the formula of one scenario, over the sets of its events that are there.
 
@@ -124,10 +139,7 @@ class Translation:
         def begun(done: int) -> Call[int]:
             rest: int = yield steps(done)
             waiting = [f.negation(relevant)] if self._semantics.projects else []
-            for clause in clauses.after(done):
-                breaking, rank = breaking_event(clause), len(self._place)
-                guards = () if breaking.when is None else (breaking.when,)
-                waiting.append(f.negation(self._atom(breaking.pattern, guards, f"{clause.source.node}_absent", rank)))
+            waiting += [f.negation(self._absent(clause)) for clause in clauses.after(done)]
             match self._semantics:
                 case Semantics.STRICT:
                     return rest

@@ -39,10 +39,12 @@ def _without_durations(tree: RVAFT, semantics: Semantics) -> bool:
 
 
 def _of_ltlf(tree: RVAFT, semantics: Semantics) -> bool:
-    """Between two events, without guards over variables of their own; under `strict` nothing is there."""
+    """Between two events, with guards over variables of one kind; under `strict` nothing is there."""
 
     def is_written(clause: Without) -> bool:
-        return clause.side is Side.DURING and not tree.own_variables(clause).intersection(variables(clause.when))
+        own = tree.own_variables(clause)
+        mixed = not own.issuperset(clause.variables) and own.intersection(variables(clause.when))
+        return clause.side is Side.DURING and not mixed
 
     written = semantics is Semantics.STRICT or all(is_written(clause) for _, clause, _ in tree.absences)
     return written and _without_durations(tree, semantics)

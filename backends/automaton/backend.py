@@ -73,6 +73,9 @@ class AutomatonBackend(Backend):
         """
         semantics, most = Semantics(semantics), READABLE if limit is None else limit
         prop = _sayable(self.prepared(tree, semantics), semantics)
+        if prop.absences and semantics.projects:
+            why = "an edge of a diagram is of relevant events, and an absent event may be none"
+            raise NotExpressible(unwritten(why), nodes=[clause.source.node for clause in prop.absences])
         try:
             automaton, parts, letters = _built(prop, semantics, Work(BEFORE * most))
         except TooLarge as error:
@@ -112,10 +115,6 @@ def _sayable(prop: Property, semantics: Semantics) -> Property:
         nodes = [clause.source.node]
         if clause.guard is not None:
             raise NotExpressible(unwritten("absent events are written without guards"), nodes=nodes)
-        if semantics.projects:
-            raise NotExpressible(
-                unwritten("an edge is of relevant events, and an absent event may be none"), nodes=nodes
-            )
     return prop
 
 

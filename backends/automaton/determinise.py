@@ -10,8 +10,9 @@ prefix.
 An absent event removes the residuals that it breaks, so that the graph has cycles under `scattered`, too.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from backends.automaton.letters import FeasibleLetters
@@ -32,12 +33,15 @@ class StateRow(NamedTuple):
     """One state: the atoms it reads, the guards it reads per set of true atoms, and its successors.
 
     A letter is a bit set of true atoms and guards. `targets` maps each letter over `sees` and
-    `asks` to a state.
+    `asks` to a state. `skips` maps the sets of atoms that an irrelevant event makes true, of those in
+    `misses`, to a state; other irrelevant events keep the state.
     """
 
     sees: int
     asks: dict[int, int]
     targets: dict[int, int]
+    misses: int = 0
+    skips: Mapping[int, int] = MappingProxyType({})
 
     def target(self, letter: int) -> int | None:
         """Return the successor for a letter over more propositions, or None for an infeasible
@@ -48,7 +52,10 @@ class StateRow(NamedTuple):
 
     def redirected(self, new: dict[int, int]) -> "StateRow":
         """Return the row with its targets renamed by `new`."""
-        return self._replace(targets={letter: new.get(target, target) for letter, target in self.targets.items()})
+        targets, skips = (
+            {letter: new.get(target, target) for letter, target in some.items()} for some in (self.targets, self.skips)
+        )
+        return self._replace(targets=targets, skips=skips)
 
 
 @dataclass(slots=True)
@@ -65,7 +72,7 @@ class Automaton:
         order = [self.start]
         seen = set(order)
         for state in order:
-            for target in self.rows[state].targets.values():
+            for target in (*self.rows[state].targets.values(), *self.rows[state].skips.values()):
                 if target not in seen:
                     seen.add(target)
                     order.append(target)
@@ -107,8 +114,26 @@ def determinised(
                 edges += 1
                 work.step(cost)
                 work.check(edges, f"edges of the automaton, {EDGES} allowed for each state", EDGES)
-        automaton.rows.append(row)
+        automaton.rows.append(row if scattered else _with_skips(row, residuals, letters, configurations, numbered))
+        edges += len(automaton.rows[-1].skips)
     return automaton
+
+
+def _with_skips(
+    row: StateRow,
+    residuals: ResidualSpace | PartialMatches,
+    letters: FeasibleLetters,
+    state: Sequence[Residual],
+    numbered: Callable[[frozenset[Residual]], int],
+) -> StateRow:
+    """Return the row with the irrelevant events that break a residual of the state."""
+    if not isinstance(residuals, PartialMatches):
+        return row
+    absent = {one: residuals.absent(one) for one in state}
+    misses = union(absent.values())
+    broken = (atoms for atoms in letters.irrelevant(misses) if atoms)
+    skips = {atoms: numbered(frozenset(one for one in state if not absent[one] & atoms)) for atoms in broken}
+    return row._replace(misses=misses, skips=skips)
 
 
 class _Successors:
@@ -263,9 +288,13 @@ def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Autom
         new = {DETECTED: DETECTED, HOPELESS: HOPELESS}
         for state in order:
             row = automaton.rows[state].redirected(class_of)
+            row = row._replace(skips={atoms: to for atoms, to in row.skips.items() if to != class_of[state]})
             work.step(2 * len(row.targets))
             known = split.setdefault((class_of[state], _signature(row, letters, class_of[automaton.start])), [])
-            alike = next((one for one in known if _same(row, rows[one], letters, work)), len(rows))
+            alike = next(
+                (one for one in known if _same(row, rows[one], letters, work) and _skip_alike(row, rows[one], letters)),
+                len(rows),
+            )
             if alike == len(rows):
                 known.append(alike)
                 rows.append(row)
@@ -289,6 +318,12 @@ def _same(one: StateRow, other: StateRow, letters: FeasibleLetters, work: Work) 
         if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(guards)):
             return False
     return True
+
+
+def _skip_alike(one: StateRow, other: StateRow, letters: FeasibleLetters) -> bool:
+    """Return whether irrelevant events lead two states of a class to the same classes."""
+    some = letters.irrelevant(one.misses | other.misses)
+    return all(one.skips.get(atoms & one.misses) == other.skips.get(atoms & other.misses) for atoms in some)
 
 
 def _signature(row: StateRow, letters: FeasibleLetters, default: int) -> frozenset[tuple[int, int]]:

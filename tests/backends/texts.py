@@ -52,7 +52,7 @@ def _of_ltlf(tree: RVAFT, semantics: Semantics) -> bool:
 
 def _of_automata(tree: RVAFT, semantics: Semantics) -> bool:
     unguarded = semantics is Semantics.STRICT or all(clause.when is None for _, clause, _ in tree.absences)
-    return unguarded and not semantics.projects and _of_ltlf(tree, semantics)
+    return unguarded and _of_ltlf(tree, semantics)
 
 
 def _of_eql(tree: RVAFT, semantics: Semantics) -> bool:

@@ -12,6 +12,7 @@ from itertools import islice
 from typing import Final, NamedTuple, TypeAlias, assert_never
 
 from rvaft.core.passes import Pass
+from rvaft.core.patterns import overlaps
 from rvaft.core.property import (
     PARTS,
     All,
@@ -27,11 +28,11 @@ from rvaft.core.property import (
     Within,
     Without,
 )
-from rvaft.core.scenarios import resolutions
+from rvaft.core.scenarios import most_events, resolutions
 from rvaft.errors import Cause, NotExpressible, Reason, TooLarge, unwritten
 from rvaft.model import patterns
 from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, holds, time_points, variables, walk
-from rvaft.model.nodes import Assumption, ValueType
+from rvaft.model.nodes import Assumption, Side, ValueType
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, SomeItem
 from rvaft.model.verdict import Semantics
 
@@ -201,6 +202,8 @@ def check(
         reason = capabilities.unassumed(need, missing) if missing else capabilities.reason(need)
         if need is Value.NULL and not (_demands_null(prop) and _has_one_scenario(prop)):
             reason = unwritten(reason.text)  # a guard, or another scenario, may leave no null to tell apart
+        if need is Without and not (_breaks_matches(prop) and _has_one_scenario(prop)):
+            reason = unwritten(reason.text)  # the tree may say the same without them
         raise NotExpressible(reason, nodes=[node for node in nodes if node])
     if capabilities.ties is Ties.NONE and (tie := _tied(prop, semantics)) is not None:
         why = capabilities.reason(tie.lacking) if tie.endless else unwritten(_OPEN[tie.lacking])
@@ -212,6 +215,19 @@ def _demands_null(prop: Property) -> bool:
     """Whether an event has to be null at some place."""
     events = (part for part in prop.parts if isinstance(part, Event | Times))
     return any(Value.NULL in _values(part.pattern) for part in events)
+
+
+def _breaks_matches(prop: Property) -> bool:
+    """Whether an event that no match uses can be added to the events of a match such that it breaks this one."""
+    used = [part.pattern for part in prop.parts if isinstance(part, Event | Times)]
+    most = most_events(prop.parts)
+    return any(
+        clause.guard is None
+        and clause.duration != 0
+        and (clause.side is not Side.DURING or most[clause] > 1)
+        and not any(overlaps(clause.pattern, pattern) for pattern in used)
+        for clause in prop.absences
+    )
 
 
 def _has_one_scenario(prop: Property) -> bool:

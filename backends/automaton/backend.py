@@ -4,18 +4,20 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
+from backends.absences import refuse_timeless, without_vacuous
 from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised, refined
 from backends.automaton.diagram import BEFORE, READABLE, diagram
 from backends.automaton.hoa_reader import HoaMonitor, formal, program
 from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
+from backends.automaton.partial_matches import PartialMatches
 from backends.automaton.structure import Structure, structure
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.core.property import Condition, Part, Property, Within, Without
 from rvaft.core.residual import ResidualSpace
-from rvaft.errors import TooLarge
+from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
@@ -45,7 +47,7 @@ class AutomatonBackend(Backend):
     remark: ClassVar[str] = "/* {} */\n"
     remark_line: ClassVar[int] = 1
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
@@ -59,7 +61,7 @@ class AutomatonBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the automaton in HOA."""
-        work = Work(limit)
+        work, prop = Work(limit), _sayable(prop, semantics)
         automaton, parts, letters = _built(prop, semantics, work)
         relevance, name = _relevance(prop, semantics), title_of(prop, semantics)
         text, metrics = write(automaton, parts, letters, name=name, time=prop.time, relevance=relevance, work=work)
@@ -70,7 +72,10 @@ class AutomatonBackend(Backend):
         (`READABLE`).
         """
         semantics, most = Semantics(semantics), READABLE if limit is None else limit
-        prop = self.prepared(tree, semantics)
+        prop = _sayable(self.prepared(tree, semantics), semantics)
+        if prop.absences and semantics.projects:
+            why = "an edge of a diagram is of relevant events, and an absent event may be none"
+            raise NotExpressible(unwritten(why), nodes=[clause.source.node for clause in prop.absences])
         try:
             automaton, parts, letters = _built(prop, semantics, Work(BEFORE * most))
         except TooLarge as error:
@@ -102,6 +107,17 @@ class AutomatonBackend(Backend):
         return tuple(dict.fromkeys(known.questions())) if known.time is None else None
 
 
+def _sayable(prop: Property, semantics: Semantics) -> Property:
+    """Return the property without clauses that every match holds; raises `NotExpressible` for others."""
+    prop = without_vacuous(prop, semantics)
+    refuse_timeless(prop)
+    for clause in prop.absences:
+        nodes = [clause.source.node]
+        if clause.guard is not None:
+            raise NotExpressible(unwritten("absent events are written without guards"), nodes=nodes)
+    return prop
+
+
 def _relevance(prop: Property, semantics: Semantics) -> Relevance | None:
     if not semantics.projects:
         return None
@@ -115,9 +131,12 @@ def _built(prop: Property, semantics: Semantics, work: Work) -> tuple[Automaton,
     scattered = semantics is Semantics.SCATTERED
     letters = FeasibleLetters(parts.patterns, _relevance(prop, semantics))
     automaton = Automaton(HOPELESS)
-    if parts.form.feasible:  # constant guards may leave no scenario
+    if parts.form.feasible and prop.absences:
+        matches = PartialMatches(prop, parts.atoms, parts.guard_bits, work)
+        automaton = determinised(matches, letters, work, semantics)
+    elif parts.form.feasible:  # constant guards may leave no scenario
         residuals = ResidualSpace(parts.form, parts.atom_of, parts.guard_bits, at_least=not scattered, work=work)
         automaton = determinised(residuals, letters, work, semantics)
-    if semantics is Semantics.CONSECUTIVE:
+    if semantics is Semantics.CONSECUTIVE or prop.absences:
         return refined(automaton, letters, work), parts, letters
     return minimised(automaton, letters, work, looping=scattered), parts, letters

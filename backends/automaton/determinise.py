@@ -6,13 +6,17 @@ prefix.
 - `scattered`: events may be skipped, and a dominated residual is dropped. Every move leaves fewer
   occurrences, so the only cycles are self-loops.
 - `consecutive`: every state includes the initial residuals, so the graph has cycles.
+
+An absent event removes the residuals that it breaks, so that the graph has cycles under `scattered`, too.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from backends.automaton.letters import FeasibleLetters
+from backends.automaton.partial_matches import PartialMatches
 from rvaft.core.residual import Move, Residual, ResidualSpace
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
@@ -29,12 +33,15 @@ class StateRow(NamedTuple):
     """One state: the atoms it reads, the guards it reads per set of true atoms, and its successors.
 
     A letter is a bit set of true atoms and guards. `targets` maps each letter over `sees` and
-    `asks` to a state.
+    `asks` to a state. `skips` maps the sets of atoms that an irrelevant event makes true, of those in
+    `misses`, to a state; other irrelevant events keep the state.
     """
 
     sees: int
     asks: dict[int, int]
     targets: dict[int, int]
+    misses: int = 0
+    skips: Mapping[int, int] = MappingProxyType({})
 
     def target(self, letter: int) -> int | None:
         """Return the successor for a letter over more propositions, or None for an infeasible
@@ -45,7 +52,10 @@ class StateRow(NamedTuple):
 
     def redirected(self, new: dict[int, int]) -> "StateRow":
         """Return the row with its targets renamed by `new`."""
-        return self._replace(targets={letter: new.get(target, target) for letter, target in self.targets.items()})
+        targets, skips = (
+            {letter: new.get(target, target) for letter, target in some.items()} for some in (self.targets, self.skips)
+        )
+        return self._replace(targets=targets, skips=skips)
 
 
 @dataclass(slots=True)
@@ -62,14 +72,16 @@ class Automaton:
         order = [self.start]
         seen = set(order)
         for state in order:
-            for target in self.rows[state].targets.values():
+            for target in (*self.rows[state].targets.values(), *self.rows[state].skips.values()):
                 if target not in seen:
                     seen.add(target)
                     order.append(target)
         return order
 
 
-def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work, semantics: Semantics) -> Automaton:
+def determinised(
+    residuals: ResidualSpace | PartialMatches, letters: FeasibleLetters, work: Work, semantics: Semantics
+) -> Automaton:
     """Return the automaton of the residuals; raises `TooLarge`."""
     scattered = semantics is Semantics.SCATTERED
     number: dict[frozenset[Residual], int] = {}
@@ -93,17 +105,35 @@ def determinised(residuals: ResidualSpace, letters: FeasibleLetters, work: Work,
         configurations = sorted(state)
         kept = configurations if scattered else start if semantics is Semantics.CONSECUTIVE else ()
         successors = _Successors(residuals, configurations, kept, scattered=scattered, work=work)
-        row = StateRow(mask_of(successors.by_atom), {}, {})
+        row = StateRow(mask_of(successors.by_atom) | successors.breaking, {}, {})
         for atoms in letters.over(row.sees):
-            row.asks[atoms] = union(successors.guards[atom] for atom in bits(atoms))
+            row.asks[atoms] = union(successors.guards.get(atom, 0) for atom in bits(atoms))
             for holding in _subsets(row.asks[atoms]):
                 after = successors.of(atoms, holding)
                 row.targets[atoms | holding] = DETECTED if after is None else numbered(after)
                 edges += 1
                 work.step(cost)
                 work.check(edges, f"edges of the automaton, {EDGES} allowed for each state", EDGES)
-        automaton.rows.append(row)
+        automaton.rows.append(row if scattered else _with_skips(row, residuals, letters, configurations, numbered))
+        edges += len(automaton.rows[-1].skips)
     return automaton
+
+
+def _with_skips(
+    row: StateRow,
+    residuals: ResidualSpace | PartialMatches,
+    letters: FeasibleLetters,
+    state: Sequence[Residual],
+    numbered: Callable[[frozenset[Residual]], int],
+) -> StateRow:
+    """Return the row with the irrelevant events that break a residual of the state."""
+    if not isinstance(residuals, PartialMatches):
+        return row
+    absent = {one: residuals.absent(one) for one in state}
+    misses = union(absent.values())
+    broken = (atoms for atoms in letters.irrelevant(misses) if atoms)
+    skips = {atoms: numbered(frozenset(one for one in state if not absent[one] & atoms)) for atoms in broken}
+    return row._replace(misses=misses, skips=skips)
 
 
 class _Successors:
@@ -116,7 +146,7 @@ class _Successors:
 
     def __init__(
         self,
-        residuals: ResidualSpace,
+        residuals: ResidualSpace | PartialMatches,
         state: Sequence[Residual],
         kept: Sequence[Residual],
         *,
@@ -133,15 +163,19 @@ class _Successors:
         self.guards = {atom: union(one.needed | one.noted for one in own) for atom, own in self.by_atom.items()}
         """The guards that matter for each true atom."""
         self._kept = kept
+        self._absent = [residuals.absent(one) if isinstance(residuals, PartialMatches) else 0 for one in kept]
+        self.breaking = union(self._absent)
+        """The atoms of events that break a residual which is kept otherwise."""
         self._found = list(kept)
-        self._bit = {} if scattered else {one: 1 << number for number, one in enumerate(kept)}
+        known = not scattered or self.breaking
+        self._bit = {one: 1 << number for number, one in enumerate(kept)} if known else {}
         self._worse = [0] * len(self._found)  # for each residual, the residuals that it dominates
         self._reached: dict[tuple[int, int], int | None] = {}
         self._best: dict[int, frozenset[Residual]] = {}
 
     def of(self, atoms: int, holding: int) -> frozenset[Residual] | None:
-        together = (1 << len(self._kept)) - 1
-        for atom in bits(atoms):
+        together = mask_of(number for number, absent in enumerate(self._absent) if not absent & atoms)
+        for atom in bits(atoms & mask_of(self.by_atom)):
             case = atom, holding & self.guards[atom]
             if case not in self._reached:
                 self._reached[case] = self._lead(*case)
@@ -173,7 +207,8 @@ class _Successors:
         bit, worse = 1 << len(self._found), 0
         if self._scattered:
             self._work.step(len(self._found) * (10 + self._residuals.width // 50))
-            if any(dominates(other, configuration) for other in self._kept):
+            lasting = (other for other, absent in zip(self._kept, self._absent, strict=True) if not absent)
+            if any(dominates(other, configuration) for other in lasting):
                 return 0
             for index, other in enumerate(self._found):
                 if dominates(other, configuration):
@@ -253,9 +288,13 @@ def refined(automaton: Automaton, letters: FeasibleLetters, work: Work) -> Autom
         new = {DETECTED: DETECTED, HOPELESS: HOPELESS}
         for state in order:
             row = automaton.rows[state].redirected(class_of)
+            row = row._replace(skips={atoms: to for atoms, to in row.skips.items() if to != class_of[state]})
             work.step(2 * len(row.targets))
             known = split.setdefault((class_of[state], _signature(row, letters, class_of[automaton.start])), [])
-            alike = next((one for one in known if _same(row, rows[one], letters, work)), len(rows))
+            alike = next(
+                (one for one in known if _same(row, rows[one], letters, work) and _skip_alike(row, rows[one], letters)),
+                len(rows),
+            )
             if alike == len(rows):
                 known.append(alike)
                 rows.append(row)
@@ -279,6 +318,12 @@ def _same(one: StateRow, other: StateRow, letters: FeasibleLetters, work: Work) 
         if any(one.target(atoms | held) != other.target(atoms | held) for held in _subsets(guards)):
             return False
     return True
+
+
+def _skip_alike(one: StateRow, other: StateRow, letters: FeasibleLetters) -> bool:
+    """Return whether irrelevant events lead two states of a class to the same classes."""
+    some = letters.irrelevant(one.misses | other.misses)
+    return all(one.skips.get(atoms & one.misses) == other.skips.get(atoms & other.misses) for atoms in some)
 
 
 def _signature(row: StateRow, letters: FeasibleLetters, default: int) -> frozenset[tuple[int, int]]:

@@ -120,7 +120,7 @@ def write(
     edges = {state: cubes(automaton.rows[state], work) for state in order if state not in (DETECTED, HOPELESS)}
     used = [cube for leaving in edges.values() for alternatives in leaving.values() for cube in alternatives]
     always = ["0"] if relevance is None else ["0", "1"]  # propositions that hold on all these edges
-    present = union(cube.yes | cube.no for cube in used)
+    present = union((*(cube.yes | cube.no for cube in used), *(automaton.rows[state].misses for state in edges)))
     numbers = {proposition: index for index, proposition in enumerate(bits(present), len(always))}
     atoms = (1 << len(structure.patterns)) - 1
     rivals: dict[int, int] = {}  # per atom, the incompatible atoms that some cube negates beside it
@@ -153,7 +153,10 @@ def write(
         if state not in edges:
             written = {state: ["0"]}
         elif relevance is not None:
-            written[state] = ["0&!1", *written.get(state, [])]
+            misses, skips = automaton.rows[state].misses, automaton.rows[state].skips
+            for atoms, target in {0: state, **skips}.items():
+                skipping = "&".join(["0&!1", *words(atoms), *words(misses & ~atoms, "!")])
+                written[target] = [skipping, *written.get(target, [])]
         body += [f"[{' | '.join(alternatives)}] {number[target]}" for target, alternatives in written.items()]
         length += sum(map(len, body[-len(written) :]))
         if state == DETECTED:

@@ -57,6 +57,7 @@ class FeasibleLetters:
         self._decisive = (*self._patterns, *entries)
         self._entries = {entry: index for index, entry in enumerate(entries, len(self._patterns))}
         self._ignored = tuple(apart(pattern) for pattern, guard in ignored if guard is None)
+        self._any: FeasibleLetters | None = None
         self._all = (1 << len(self._patterns)) - 1
         self.guards = ~self._all
         """The guard bits of a letter in which every guard holds."""
@@ -104,6 +105,12 @@ class FeasibleLetters:
                 if closed is not None and closed & some not in seen:
                     seen.add(closed & some)
                     todo.append(closed & some)
+
+    def irrelevant(self, some: int) -> Iterator[int]:
+        """Yield the feasible letters restricted to these atoms, of events of any relevance."""
+        if self._any is None:
+            self._any = FeasibleLetters(self._patterns)
+        return self._any.over(some) if some else iter(())
 
     def _can_be_relevant(self, letter: int, some: int) -> bool:
         if letter not in self._relevant:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import assert_never
 
+from backends.absences import breaking_event, without_absences
 from rvaft.core.part_numbers import NumberedPart, NumberedParts, numbered
 from rvaft.core.property import Condition, Event, PartKind, Property
 from rvaft.model.event_time import duration_text
@@ -46,8 +47,8 @@ class Structure:
 
 
 def structure(prop: Property) -> Structure:
-    """Return the parts and propositions of a property."""
-    form = numbered(prop)
+    """Return the parts and propositions of a property; absent events have propositions, but no parts."""
+    form = numbered(without_absences(prop, lambda _: True))
     parts: list[NumberedPart] = []
     of: list[int] = []
     kept: set[int] = set()  # shared parts are not flattened
@@ -83,10 +84,16 @@ def structure(prop: Property) -> Structure:
     names = [
         f"{node}_{event.source.number}" if (node := event.source.node) in several else node for event in events.values()
     ]
+    patterns = dict.fromkeys(events)
+    for clause in prop.absences:
+        if (pattern := breaking_event(clause).pattern) not in patterns:
+            patterns[pattern] = None
+            nodes.append(clause.source.node)
+            names.append(f"{clause.source.node}_absent")
     return Structure(
         NumberedParts(tuple(parts[: of[-1] + 1])),
-        {pattern: number for number, pattern in enumerate(events)},
-        tuple(events),
+        {pattern: number for number, pattern in enumerate(patterns)},
+        tuple(patterns),
         tuple(nodes),
         tuple(names),
         tuple(conditions),

@@ -9,17 +9,20 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby
-from typing import ClassVar, Final, cast
+from typing import ClassVar, Final, NoReturn, cast
 
+from backends.absences import clauses_of
 from backends.field_conditions import FieldConditions, FieldPath, Lack
-from backends.orders import Orders, merged
+from backends.orders import GuardedEvent, Orders, merged
+from rvaft.core.patterns import overlaps
 from rvaft.core.property import Event, Part, Property, Within
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, Reason, TooLarge, cannot, naming, unwritten
-from rvaft.model.assumptions import declared
+from rvaft.model.assumptions import Declared, declared
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import Guard, Operator
+from rvaft.model.nodes import Side
 from rvaft.model.tree import reachable
 from rvaft.model.values import Json, has_surrogate
 from rvaft.support.terminal import escaped
@@ -40,11 +43,14 @@ NO_NULL: Final = cannot("EQL does not distinguish a null field from a missing on
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """One event of a sequence: alternative conditions, join keys, and the `maxspan` in ns."""
+    """One event of a sequence: alternative conditions, join keys, and the `maxspan` in ns and the
+    `until` of the sequence.
+    """
 
     conditions: tuple[str, ...]
     keys: tuple[str, ...] = ()
     span: int | None = None
+    until: "Item | None" = None
 
     def __str__(self) -> str:
         several = len(self.conditions) > 1
@@ -59,7 +65,8 @@ def query(items: Sequence[Item]) -> str:
     """Return the text of a sequence, or of a query for one event."""
     if len(items) == 1:
         return str(items[0])
-    shared, span = {item.keys for item in items}, items[0].span
+    span, until = items[0].span, items[0].until
+    shared = {item.keys for item in (*items, *([] if until is None else [until]))}
     keys = f" by {', '.join(items[0].keys)}" if len(shared) == 1 and items[0].keys else ""
     if span is not None:
         unit = next(unit for unit, size in _SPANS.items() if span % size == 0)
@@ -69,6 +76,8 @@ def query(items: Sequence[Item]) -> str:
         own, count = f" by {', '.join(item.keys)}" if len(shared) > 1 else "", len([*run])
         runs = [_RUNS] * (count // _RUNS) + [count % _RUNS] * (count % _RUNS > 0)
         lines += [f"  [{item}]{own}" + (f" with runs={some}" if some > 1 else "") for some in runs]
+    if until is not None:
+        lines.append(f"  until [{until}]" + (f" by {', '.join(until.keys)}" if len(shared) > 1 else ""))
     return "\n".join(lines)
 
 
@@ -91,7 +100,7 @@ class EqlText:
         orders = self._orders
         some = ((one, items) for one in orders.scenarios() if (items := self._items(one)) is not None)
         words = chain.from_iterable(orders.words(one, items) for one, items in some)
-        alternatives = merged(words, _union, lambda item: (item.keys, item.span))
+        alternatives = merged(words, _union, lambda item: (item.keys, item.span, item.until))
         texts = [query(word) for word in alternatives] or ["any where false"]
         header = OPENING if self._time is None else f"{OPENING}\n// {time_text(self._time)}"
         return f"{header}\n" + ";\n".join(texts) + "\n", sum(len(_TOKEN.findall(text)) for text in texts)
@@ -130,11 +139,47 @@ class EqlText:
                 raise NotExpressible(
                     unwritten(f"`by` joins all events of a sequence, and some lack {variable}"), nodes=having
                 )
-        span = self._span(scenario)
+        span, until = self._span(scenario), self._until(scenario, shared)
         return {
-            event: Item(self._conditions(event, guards[event]), tuple(paths[event][one] for one in shared), span)
+            event: Item(self._conditions(event, guards[event]), tuple(paths[event][one] for one in shared), span, until)
             for event in scenario.events
         }
+
+    def _until(self, scenario: Scenario, shared: Sequence[str]) -> Item | None:
+        """Return what ends a sequence, without the clauses that nothing can break."""
+        clauses, found = clauses_of(scenario), list[Item]()
+        for clause in dict.fromkeys(chain.from_iterable(clauses.values())):
+            node, inside = clause.source.node, [event for event in scenario.events if clause in clauses[event]]
+            leaves = chain.from_iterable(
+                (leaf.event for leaf in self._orders.groups.get(event, (GuardedEvent(event),)))
+                for event in scenario.events
+            )
+            if clause.side is not Side.DURING:
+                self._refuse(
+                    node, "`until` ends a sequence that has begun, and is not written for events before and after it"
+                )
+            if len(inside) == 1:
+                continue
+            if len(inside) < len(scenario.events):
+                self._refuse(node, "`until` is of a whole sequence, and is not written for a part of it")
+            if self._time is not None:
+                self._refuse(node, "an event without a time is in no sequence with `maxspan`, and would not end it")
+            if any(overlaps(clause.pattern, leaf.pattern) for leaf in leaves):
+                self._refuse(node, "`until` is not written for an event that the sequence may use")
+            with naming(node):
+                paths = self._dialect.paths(clause.pattern)
+                if {*clause.shared} != {*shared} or not {*shared} <= {*paths}:
+                    self._refuse(node, "`until` has the keys of its sequence, and no other variables of the tree")
+                guards = [] if clause.guard is None else [clause.guard]
+                condition = self._dialect.of(clause.pattern, guards, Declared())
+            found.append(Item((condition,), tuple(paths[one] for one in shared)))
+        if len({one.keys for one in found}) > 1:
+            self._refuse(next(iter(clauses.values()))[0].source.node, "a sequence has one `until`")
+        return _union(found) if found else None
+
+    @staticmethod
+    def _refuse(node: str, why: str) -> NoReturn:
+        raise NotExpressible(unwritten(why), nodes=[node])
 
     # Conditions on one event.
 

@@ -7,12 +7,13 @@ subformulas. The `limit` counts subformulas. Only reading needs Spot.
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
+from backends.absences import refuse_timeless, without_vacuous
 from backends.ltlf.monitor import LtlfMonitor, formal, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.core.property import Condition, Part, Property, Within, Without
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics
@@ -39,7 +40,7 @@ class LtlfBackend(Backend):
     remark: ClassVar[str] = "/* {} */\n"
     tools: ClassVar[tuple[str, ...]] = ("mona",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition}
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
@@ -54,6 +55,8 @@ class LtlfBackend(Backend):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the formula."""
+        prop = without_vacuous(prop, semantics)
+        refuse_timeless(prop)
         return SpecificationText(*Translation(prop, semantics, limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:

@@ -2,19 +2,23 @@
 
 import re
 from collections import Counter
-from typing import Final
+from typing import Final, assert_never
 
+from backends.absences import OpenClauses, breaking_event
 from backends.ltlf.composition import Composer
 from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
 from backends.ltlf.parts import Anatomy, GuardsOf, settled, simplified
 from backends.ltlf.reader import Header, Observation
 from rvaft.backend import Metrics
 from rvaft.core.part_numbers import NumberedParts, numbered
-from rvaft.core.property import Property
+from rvaft.core.property import Event, Property, Without
+from rvaft.core.scenarios import Ready, Scenario, scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TreeError
+from rvaft.model.guards import Guard, variables
+from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.verdict import Semantics
-from rvaft.support.budget import Work
+from rvaft.support.budget import Call, Work, run
 
 _RESERVED: Final = ("true", "false", "xor", "rvaft", "atom", "relevant", "ignored")
 _ILLEGAL: Final = re.compile(r"[^a-z0-9_]+")
@@ -37,6 +41,8 @@ class Translation:
         self._header = Header(time=prop.time)
         self._formulas = Formulas(limit)
         self._atoms: dict[Observation, int] = {}
+        self._own: dict[Observation, int] = {}
+        """The atoms of absent events whose guards are over variables of their own."""
         self._rank: dict[str, int] = {}
         self._place = {event: place for place, event in enumerate(prop.events)}
         nodes = Counter(event.source.node for event in prop.events)
@@ -46,11 +52,15 @@ class Translation:
 
     def text(self) -> tuple[str, Metrics]:
         """Return the text and its metrics."""
-        formulas, header, form = self._formulas, self._header, numbered(self._prop)
+        formulas, header = self._formulas, self._header
         relevant = self._relevance() if self._semantics.projects else TRUE
-        monotone = self._semantics is Semantics.SCATTERED
-        some = settled(form, monotone=monotone, work=self._work) if form.feasible else ()
-        root = formulas.disjunction(self._formula(parts, guards, monotone, relevant) for parts, guards in some)
+        if self._prop.absences:
+            some = scenarios(self._prop) if self._prop.feasible else ()
+            root = formulas.disjunction(self._of_scenario(one, relevant) for one in some)
+        else:
+            form, monotone = numbered(self._prop), self._semantics is Semantics.SCATTERED
+            divisions = settled(form, monotone=monotone, work=self._work) if form.feasible else ()
+            root = formulas.disjunction(self._formula(parts, guards, monotone, relevant) for parts, guards in divisions)
         if root == FALSE:
             root_node = self._prop.tree.root
             raise TreeError(f"no scenario of {root_node} is feasible", rule="no-scenario", nodes=[root_node])
@@ -69,19 +79,83 @@ class Translation:
 
         def event_of(part: int) -> int:
             event = anatomy.parts[part].event
-            pattern, time = untimed(event.pattern)
-            observation = Observation(pattern, guards.get(event, ()), time)
-            if observation not in self._atoms:
-                node, number = event.source
-                name = self._fresh(f"{node}_{number}" if time is not None and node in self._counted else node)
-                self._header.atoms[name] = observation
-                self._rank[name] = self._place[event]
-                self._atoms[observation] = self._formulas.atom(name)
-            return self._atoms[observation]
+            return self._event(event, guards.get(event, ()))
 
         return Composer(
             self._formulas, anatomy, event_of, semantics=self._semantics, relevant=relevant, work=self._work
         ).whole()
+
+    def _event(self, event: Event, guards: tuple[Guard, ...]) -> int:
+        """Return the atom of an event under guards."""
+        node, number = event.source
+        name = f"{node}_{number}" if untimed(event.pattern)[1] is not None and node in self._counted else node
+        return self._atom(event.pattern, guards, name, self._place[event])
+
+    def _atom(self, event: Pattern, guards: tuple[Guard, ...], name: str, rank: int) -> int:
+        pattern, time = untimed(event)
+        observation = Observation(pattern, guards, time)
+        if observation not in self._atoms:
+            name = self._fresh(name)
+            self._header.atoms[name] = observation
+            self._rank[name] = rank
+            self._atoms[observation] = self._formulas.atom(name)
+        return self._atoms[observation]
+
+    def _absent(self, clause: Without) -> int:
+        """Return the atom of the events that break a clause."""
+        name, rank = f"{clause.source.node}_absent", len(self._place)
+        if clause.guard is None or clause.shared:
+            breaking = breaking_event(clause)
+            return self._atom(breaking.pattern, () if breaking.when is None else (breaking.when,), name, rank)
+        observation = Observation(clause.pattern, (clause.guard,))
+        if observation not in self._own:  # for some values of its variables, as relevant events are
+            name = self._fresh(name)
+            self._header.relevant[name] = [observation]
+            self._own[observation] = self._formulas.atom(name)
+        return self._own[observation]
+
+    def _of_scenario(self, scenario: Scenario, relevant: int) -> int:
+        """Return the formula of one scenario, over the sets of its events that are there.
+
+        The events that break a clause are false from one event of its part to the next.
+        """
+        f, clauses, ready = self._formulas, OpenClauses.of(scenario), Ready(scenario.before)
+        everything, known = (1 << len(scenario.events)) - 1, dict[int, int]()
+        events = list[int]()
+        for event in scenario.events:
+            names = {*rigid_variables(event.pattern)}
+            guards = (one.guard for one in scenario.conditions if names.intersection(variables(one.guard)))
+            events.append(self._event(event, tuple(dict.fromkeys(guards))))
+
+        def steps(done: int) -> Call[int]:
+            ways = []
+            for event in ready.after(done):
+                if (after := done | 1 << event) not in known:
+                    known[after] = TRUE if after == everything else f.next((yield begun(after)))
+                ways.append(f.conjunction([events[event], known[after]]))
+                self._work.step(10)
+            return f.disjunction(ways)
+
+        def begun(done: int) -> Call[int]:
+            rest: int = yield steps(done)
+            waiting = [f.negation(relevant)] if self._semantics.projects else []
+            waiting += [f.negation(self._absent(clause)) for clause in clauses.after(done)]
+            match self._semantics:
+                case Semantics.STRICT:
+                    return rest
+                case Semantics.SCATTERED:
+                    return f.until(f.conjunction(waiting), rest)
+                case Semantics.PROJECTED:
+                    return f.until(f.conjunction(waiting), f.conjunction([relevant, rest]))
+                case Semantics.CONSECUTIVE if done:
+                    return f.until(f.conjunction(waiting), f.conjunction([relevant, rest]))
+                case Semantics.CONSECUTIVE:
+                    return f.eventually(f.conjunction([relevant, rest]))
+                case _:
+                    assert_never(self._semantics)
+
+        whole: int = run(begun(0))
+        return whole
 
     def _relevance(self) -> int:
         wanted = "rel"

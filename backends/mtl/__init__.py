@@ -7,12 +7,13 @@ package `reelay`.
 from collections.abc import Mapping
 from typing import ClassVar, Final
 
+from backends.absences import refuse
 from backends.mtl.reader import compiled
 from backends.mtl.translation import REELAY, WindowedFormula, symbols, translation
 from rvaft.backend import Backend, Metrics, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
-from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.core.property import Condition, Part, Property, Within, Without
 from rvaft.errors import NotExpressible, Reason, cannot, unwritten
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import Operator
@@ -31,13 +32,14 @@ class MtlCapabilities(Backend):
 
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within}
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within, Without}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.NONE
     reasons: ClassVar[Mapping[Capability, Reason]] = {
         Within: unwritten("R2U2 counts steps, and windows are durations"),
+        Without: unwritten("texts for R2U2 are written without absent events"),
         Feature.TIME_POINTS: unwritten("windows (`within`) are the only condition on time that is written"),
         Ties.ALL_EVENTS: _ONE_EVENT,
         Ties.ANY: _ONE_EVENT,
@@ -66,6 +68,15 @@ class MtlBackend(MtlCapabilities):
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the formula; raises `NotExpressible` for too long chains."""
+        refuse(
+            prop,
+            {
+                "shared": unwritten(
+                    "a proposition is about one event, and an absent event shares variables with others"
+                ),
+                "duration": unwritten("absent events are written without durations"),
+            },
+        )
         if prop.timed:
             return self._windowed(prop, semantics, limit)
         chains = translation(prop, semantics, limit)
@@ -78,6 +89,10 @@ class MtlBackend(MtlCapabilities):
         windows = [part.source.node for part in prop.parts if isinstance(part, Within)]
         if semantics is not Semantics.SCATTERED:
             raise NotExpressible(unwritten("windows are written under `scattered` alone"), nodes=windows)
+        if prop.absences:
+            raise NotExpressible(
+                unwritten("absent events beside windows"), nodes=[one.source.node for one in prop.absences]
+            )
         found = WindowedFormula(prop, limit)
         assert prop.time is not None
         lines = [f"{time_text(prop.time)}, bounds in {found.unit}"]

@@ -16,7 +16,7 @@ from backends.mtl import MtlBackend, MtlCapabilities
 from backends.mtl.reader import definitions, fits
 from backends.mtl.translation import c2po, symbols, translation
 from rvaft.backend import Metrics, SpecificationText
-from rvaft.core.property import Part, Property, Within
+from rvaft.core.property import Part, Property, Within, Without
 from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
@@ -51,7 +51,7 @@ class MtlR2u2Backend(MtlCapabilities):
     faithful: ClassVar[bool] = False
     form_of: ClassVar[str] = MtlBackend.name
     readable: ClassVar[bool] = False
-    says: ClassVar[frozenset[type[Part]]] = MtlCapabilities.says - {Within}
+    says: ClassVar[frozenset[type[Part]]] = MtlCapabilities.says - {Within, Without}
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the file for C2PO."""

@@ -1,15 +1,16 @@
 """Properties to past MTL: a disjunction of event orders, each a chain of earlier events."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations, product
-from typing import Final, NoReturn, assert_never
+from typing import Final, NamedTuple, NoReturn, assert_never
 
+from backends.absences import clauses_of, gaps
 from backends.nests import NOTHING, WINDOW, Nest, Nesting
 from backends.orders import Orders, merged
 from rvaft.core.patterns import overlaps
-from rvaft.core.property import Event, PartKind, Property, Within
+from rvaft.core.property import Event, PartKind, Property, Within, Without
 from rvaft.core.scenarios import Scenario, most_events
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model import patterns
@@ -57,13 +58,22 @@ def c2po(horizon: int) -> Syntax:
     return Syntax("{}", " || ", " && ", "!{}", "{}", "(true S[1,1] ({}))", earlier, f"({{}} S[0,{horizon}] ({{}}))")
 
 
+class Letter(NamedTuple):
+    """One event of an order: a choice of propositions, of which none of `absent` holds between the
+    previous one and it.
+    """
+
+    some: tuple[str, ...]
+    absent: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True, slots=True)
 class Chains:
-    """The event orders of a property as words; a letter is a choice of propositions."""
+    """The event orders of a property as words."""
 
     definitions: tuple[tuple[str, str], ...]
     """The definitions of the propositions, as `PATTERN when GUARD`; those of one name are alternatives."""
-    words: tuple[tuple[tuple[str, ...], ...], ...]
+    words: tuple[tuple[Letter, ...], ...]
     semantics: Semantics
 
     @property
@@ -75,7 +85,7 @@ class Chains:
         """Return the formula; in `REELAY` it holds from the detection on, in C2PO at the detection."""
         return dialect.either.join(dialect.once.format(self._chain(word, dialect)) for word in self.words)
 
-    def _chain(self, word: Sequence[Sequence[str]], dialect: Syntax) -> str:
+    def _chain(self, word: Sequence[Letter], dialect: Syntax) -> str:
         """Return the formula that the last event of a word is now, and the others are before it."""
 
         def atom(name: str) -> str:
@@ -84,30 +94,35 @@ class Chains:
         def negated(part: str) -> str:
             return dialect.negated.format(part)
 
-        def last_relevant(part: str) -> str:
-            return dialect.before.format(dialect.since.format(negated(counts), part))
+        def before(part: str, skipped: Sequence[str]) -> str:
+            """Return that a part was true at some event before, and `skipped` at all those since then."""
+            both = skipped[0] if len(skipped) == 1 else f"({dialect.both.join(skipped)})"
+            return dialect.before.format(dialect.since.format(both, part))
 
-        names, found, first = self.propositions, "", ""
-        then: Callable[[str], str]
+        names, found = self.propositions, ""
         relevant, ignored = atom(_RELEVANT), negated(atom(_IGNORED)) if _IGNORED in names else ""
         counts = f"({relevant}{dialect.both}{ignored})" if ignored else relevant
-        match self.semantics:
-            case Semantics.SCATTERED:
-                then = dialect.earlier.format
-            case Semantics.STRICT:
-                any_event = f"({atom(word[0][0])}{dialect.either}{negated(atom(word[0][0]))})"
-                first, then = negated(dialect.before.format(any_event)), dialect.before.format
-            case Semantics.PROJECTED:
-                first, then = negated(dialect.earlier.format(counts)), last_relevant
-            case Semantics.CONSECUTIVE:
-                then = last_relevant
-            case _:
-                assert_never(self.semantics)
         for letter in word:
-            some = [atom(name) for name in letter]
+            absent = [negated(atom(name)) for name in letter.absent]
+            some = [atom(name) for name in letter.some]
             now = some[0] if len(some) == 1 else f"({dialect.either.join(some)})"
-            before = then(found) if found else first
-            found = dialect.both.join(filter(None, (now, ignored, before)))
+            never = [negated(dialect.earlier.format(atom(name))) for name in letter.absent]
+            match self.semantics:
+                case Semantics.SCATTERED if found:
+                    past = [before(found, absent) if absent else dialect.earlier.format(found)]
+                case Semantics.STRICT if found:
+                    past = [dialect.before.format(found)]
+                case Semantics.STRICT:
+                    past = [negated(dialect.before.format(f"({some[0]}{dialect.either}{negated(some[0])})"))]
+                case Semantics.PROJECTED | Semantics.CONSECUTIVE if found:
+                    past = [before(found, [negated(counts), *absent])]
+                case Semantics.PROJECTED:
+                    past = [negated(dialect.earlier.format(counts)), *never]
+                case Semantics.SCATTERED | Semantics.CONSECUTIVE:
+                    past = never
+                case _:
+                    assert_never(self.semantics)
+            found = dialect.both.join(filter(None, (now, ignored, *past)))
         return found
 
 
@@ -118,34 +133,47 @@ def symbols(formula: str) -> int:
 
 def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
     """Return the event orders of a property; if there are none, a proposition that never holds."""
-    orders = Orders(prop, limit=limit, minimal=semantics is Semantics.SCATTERED)
+    minimal = semantics is Semantics.SCATTERED and not prop.absences  # an absent event may be one that is used
+    orders = Orders(prop, limit=limit, minimal=minimal)
 
-    def letters(scenario: Scenario) -> dict[Event, tuple[str, ...]] | None:
+    def letters(scenario: Scenario) -> dict[Event, tuple[tuple[str, ...], tuple[Without, ...]]] | None:
         bound = {event: {*patterns.rigid_variables(event.pattern)} for event in scenario.events}
         reason = unwritten("a proposition is about one event, and a guard compares several")
         guards = orders.assigned_guards(scenario, bound, lambda node, _: NotExpressible(reason, nodes=[node]))
         if guards is None:
             return None
         leaves = {event: orders.groups.get(event, ((event, guards[event]),)) for event in scenario.events}
+        clauses = clauses_of(scenario)
         return {
-            event: tuple(dict.fromkeys(_definition(one.pattern, its) for one, its in some))
+            event: (tuple(dict.fromkeys(_definition(one.pattern, its) for one, its in some)), clauses[event])
             for event, some in leaves.items()
         }
 
+    def spelled(word: Sequence[tuple[tuple[str, ...], tuple[Without, ...]]]) -> tuple[Letter, ...]:
+        absent = gaps([clauses for _, clauses in word]) if semantics is not Semantics.STRICT else [[]] * len(word)
+        definitions = [[_definition(one.pattern, [one.guard] if one.guard else []) for one in own] for own in absent]
+        return tuple(Letter(some, tuple(dict.fromkeys(own))) for (some, _), own in zip(word, definitions, strict=True))
+
     some = ((one, found) for one in orders.scenarios() if (found := letters(one)) is not None)
     words = merged(
-        chain.from_iterable(orders.words(one, found) for one, found in some),
-        lambda several: tuple(dict.fromkeys(chain.from_iterable(several))),
+        map(spelled, chain.from_iterable(orders.words(one, found) for one, found in some)),
+        lambda several: Letter(
+            tuple(dict.fromkeys(chain.from_iterable(one.some for one in several))), several[0].absent
+        ),
+        lambda letter: letter.absent,
     )
     if any(len(word) > _DEEPEST for word in words):
         raise NotExpressible(unwritten(f"Reelay aborts on formulas deeper than {_DEEPEST} events"))
     if not words:
-        return Chains(((_NEVER, "{ } when false"),), (((_NEVER,),),), Semantics.SCATTERED)
-    names = {
-        one: f"p{number}"
-        for number, one in enumerate(dict.fromkeys(chain.from_iterable(chain.from_iterable(words))), 1)
-    }
-    named = tuple(tuple(tuple(names[one] for one in letter) for letter in word) for word in words)
+        return Chains(((_NEVER, "{ } when false"),), ((Letter((_NEVER,)),),), Semantics.SCATTERED)
+    each = list(chain.from_iterable(words))
+    definitions = dict.fromkeys(chain.from_iterable((*(one.some for one in each), *(one.absent for one in each))))
+    names = {one: f"p{number}" for number, one in enumerate(definitions, 1)}
+
+    def name(letter: Letter) -> Letter:
+        return Letter(*(tuple(map(names.__getitem__, some)) for some in letter))
+
+    named = tuple(tuple(map(name, word)) for word in words)
     several = semantics is Semantics.PROJECTED or any(len(word) > 1 for word in words)
     relevance = _relevance(prop, several=several) if semantics.projects else ()
     return Chains((*((name, one) for one, name in names.items()), *relevance), named, semantics)

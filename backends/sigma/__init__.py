@@ -8,11 +8,11 @@ Python's sqlite3; translating needs PyYAML.
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Final
 
-from backends.sigma.translation import SigmaRules
+from backends.sigma.translation import SigmaRules, expand_tied
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, GATES, LOGICAL, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends
-from rvaft.core.property import Condition, Part, Property, Within
+from rvaft.core.passes import Pass, order_ends
+from rvaft.core.property import Condition, Part, Property, Times, Within
 from rvaft.errors import Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
@@ -57,8 +57,9 @@ class SigmaBackend(Backend):
     extra: ClassVar[str] = "sigma"
     modules: ClassVar[tuple[str, ...]] = ("sigma", "sigma.backends.sqlite", "yaml")
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Within}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Within, Times}
+    passes: ClassVar[tuple[Pass, ...]] = (expand_tied, order_ends)
+    features: ClassVar[frozenset[Feature]] = frozenset({Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER})
     ties: ClassVar[Ties] = Ties.ALL_EVENTS
     needs: ClassVar[Mapping[Capability, frozenset[Assumption]]] = {

@@ -16,13 +16,15 @@ from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
 from backends.nests import NEVER, WINDOW, Nest, Nesting, in_every_order
 from backends.sigma.rules import EventRule, detection_of
-from rvaft.core.property import PartKind, Property, Within
+from rvaft.core.passes import Pass, expand_times
+from rvaft.core.property import All, Condition, Event, One, PartKind, Property, Sequence, Source, Times, Within
 from rvaft.errors import NotExpressible, TooLarge, installed, naming, unwritten
 from rvaft.export.rule_metadata import about, origin, rule_id, rule_metadata
 from rvaft.model.assumptions import Declared, declared
 from rvaft.model.expressions import time_text
+from rvaft.model.guards import Guard, conjuncts
 from rvaft.model.nodes import Assumption
-from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
+from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable, rigid_variables
 from rvaft.model.values import equal
 
 _DAYS: Final = 50_000
@@ -45,6 +47,46 @@ class Junction(NamedTuple):
     parts: "list[Chain | Junction]"
 
 
+class CountedValues(NamedTuple):
+    """Events with values of their own, alone in a tree, and the window over them."""
+
+    events: Times
+    guards: tuple[Guard, ...]
+    within: int | None
+
+    @classmethod
+    def of(cls, prop: Property) -> "CountedValues | None":
+        """Return those of a property that has nothing else, or None."""
+        part, windows = prop.root, list[int]()
+        while True:
+            match part:
+                case Within(parts=(inner,), duration=duration):
+                    windows.append(duration)
+                    part = inner
+                case Times():
+                    return cls(part, (), min(windows, default=None))
+                case All(parts=(Times() as events, Condition(guard=guard))):
+                    return cls(events, tuple(conjuncts(guard)), min(windows, default=None))
+                case All(parts=(inner,)) | Sequence(parts=(inner,)) | One(parts=(inner,)):
+                    part = inner
+                case _:
+                    return None
+
+
+def _expand_tied(prop: Property, limit: int) -> Property:
+    own = [part for part in prop.parts if isinstance(part, Times) and part.own and part.count > 1]
+    if not own:
+        return expand_times(prop, limit)
+    if CountedValues.of(prop) is None:
+        why = "events with values of their own are counted by a correlation, which has nothing beside them"
+        raise NotExpressible(unwritten(why), nodes=[part.source.node for part in own])
+    return prop
+
+
+expand_tied: Final = Pass("expand_tied", frozenset(), _expand_tied)
+"""`expand_times` for events whose values are equal; others stay if they are all that there is."""
+
+
 class SigmaRules:
     """One translation of a property; `limit` counts rules and correlations."""
 
@@ -63,17 +105,39 @@ class SigmaRules:
 
     def text(self) -> tuple[str, int]:
         """Return the documents and their number of symbols."""
+        if any(isinstance(part, Times) for part in self._prop.parts) and (found := CountedValues.of(self._prop)):
+            return self._ended(self._counting(found))
         nest = Nesting(self._prop, self._inseparable, limit=10 * self._limit, unit=_UNIT, free=self._groups).nest()
         if nest == NEVER:
             self._refuse("a guard never holds, and no rule can express that", [self._prop.tree.root])
-        about = rule_metadata(self._prop.tree)
         if nest.within is None and self._is_step(nest):
-            return self._alone(about, nest)
+            return self._alone(rule_metadata(self._prop.tree), nest)
         self._fits(len(set(map(self._key, self._single(nest)))))  # each has its rule
-        whole = {**about, "correlation": self._correlation(nest)}
+        return self._ended(self._correlation(nest))
+
+    def _ended(self, correlation: dict[str, Any]) -> tuple[str, int]:
+        """Return the documents with the last correlation, and their number of symbols."""
+        whole = {**rule_metadata(self._prop.tree), "correlation": correlation}
         whole |= {} if self._time is None else {"rvaft": self._time}
         documents = [*sorted(self._documents.values(), key=lambda one: "correlation" in one), whole]
         return self._written_as(documents)
+
+    def _counting(self, counted: CountedValues) -> dict[str, Any]:
+        """Return the correlation that counts events, or the different values of one of their fields."""
+        events, node = counted.events, counted.events.source.node
+        event = Event(Source(node, 1), events.pattern)
+        fields = dict(_places(events.pattern, ()))
+        if lacking := [name for name in (*rigid_variables(events.pattern), *events.distinct) if name not in fields]:
+            self._refuse(f"a correlation groups by fields, and {lacking[0]} is none", [node])
+        if len(events.distinct) > 1:
+            self._refuse("a correlation counts the values of one field", [node])
+        self._groups = {name: fields[name] for name in rigid_variables(events.pattern)}
+        rule = self._rule(Nest(PartKind.EVENT, event=event, guards=counted.guards, size=1), 0)
+        condition: dict[str, Any] = {"gte": events.count}
+        if not events.distinct:
+            return self._of("event_count", [rule], counted.within, condition=condition)
+        condition |= {"field": fields[events.distinct[0]]}
+        return self._of("value_count", [rule], counted.within, condition=condition)
 
     def _alone(self, about: dict[str, Any], step: Nest) -> tuple[str, int]:
         """Return a rule without correlation, for a single event or a choice of events."""
@@ -174,7 +238,7 @@ class SigmaRules:
         return self._names[key]
 
     def _grouped(self) -> dict[str, str]:
-        fields = {event: dict(_places(event.pattern, ())) for event in self._prop.events}
+        fields = {event: _shared_places(event.pattern) for event in self._prop.events}
         names = list(dict.fromkeys(chain.from_iterable(fields.values())))
         shared = sorted(name for name in names if sum(name in one for one in fields.values()) > 1)
         for name in shared:
@@ -274,7 +338,7 @@ class SigmaRules:
             events = step.events()
             name = self._named(key, events[0].source.node)
             self._documents[name] = self._detecting(name, number, [*filter(_observes, step.inside())])
-            self._bound[name] = dict(_places(events[0].pattern, ()))
+            self._bound[name] = _shared_places(events[0].pattern)
             self._fits(len(self._documents))
         return self._names[key]
 
@@ -310,9 +374,14 @@ def _observes(nest: Nest) -> bool:
     return nest.event is not None
 
 
+def _shared_places(pattern: Pattern) -> dict[str, str]:
+    """Return the fields of the variables that are not local."""
+    return {name: field for name, field in _places(pattern, ()) if not name.startswith("_")}
+
+
 def _places(pattern: Pattern, way: tuple[str, ...]) -> Iterator[tuple[str, str]]:
     match pattern:
-        case Variable(name) if not name.startswith("_"):
+        case Variable(name):
             yield name, ".".join(way)
         case ObjectPattern(fields):
             for step, inner in fields:

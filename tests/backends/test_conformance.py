@@ -42,15 +42,15 @@ from rvaft.model.patterns import Pattern, SomeItem
 from rvaft.model.patterns import walk as walk_pattern
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
-from tests.backends.texts import SHAPES, agreeing, readable, signs, writes_absences
+from tests.backends.texts import SHAPES, agreeing, readable, signs, writes_absence
 from tests.semantics.cases import CASES
 
 
 def default_events(example: conformance.Example, semantics: Semantics) -> bool:
-    """Every tree over default events, without times, guards and absent events, must be expressible,
-    where events are skipped at will.
+    """Every tree over default events, without times and guards, must be expressible, where events
+    are skipped at will.
     """
-    plain = all(node.on is None and node.when is None and not node.without for node in example.tree.top_down())
+    plain = all(node.on is None and node.when is None for node in example.tree.top_down())
     return semantics is Semantics.SCATTERED and plain and example.tree.time is None
 
 
@@ -82,7 +82,7 @@ another form, with tests of its own.
 
 
 def required(name: str) -> Required:
-    return lambda one, semantics: writes_absences(name, one.tree, semantics) and NEEDED[name](one, semantics)
+    return lambda one, semantics: writes_absence(name, one.tree, semantics) and NEEDED[name](one, semantics)
 
 
 REQUIRED: dict[str, Required] = {name: required(name) for name in NEEDED}
@@ -135,7 +135,7 @@ def test_hand_written_cases(translator: Backend, whole: bool) -> None:
             own = [case.events for case in cases if case.semantics == semantics]
             late = tree.time is not None and tree.time.late is not None
             narrow = translator.name in ("rml", "c") or Verdict.FALSE not in translator.verdicts
-            narrow = narrow or (bool(tree.absences) and translator.name not in ABSENT)
+            narrow = narrow or not writes_absence(translator.name, tree, semantics)
             if own or random:
                 assert agreeing(translator, tree, semantics, own + random) or not own or late or narrow
 
@@ -227,7 +227,7 @@ EMITTED = sorted(one.name for one in map(backend, all_backends()) if not one.rea
 @pytest.mark.parametrize("name", EMITTED)
 def test_what_is_only_emitted_is_translated_or_refused(name: str, trees: Sequence[conformance.Example]) -> None:
     def required(one: conformance.Example, semantics: Semantics) -> bool:
-        if not writes_absences(name, one.tree, semantics):
+        if not writes_absence(name, one.tree, semantics):
             return False
         said = name == "match-recognize" or (name == "mfotl" and semantics is Semantics.SCATTERED)
         no_variables = conformance.no_variables_of_items(one, semantics)

@@ -1,7 +1,7 @@
 """Backends, trees and verdicts as words, for the tests of all backends."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib.util import find_spec
 from typing import Any, Final
 
@@ -12,8 +12,10 @@ from backends.conformance import asks_of_strings
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from cross_check.participants import detected, detections
 from rvaft import RVAFT, Backend, Gate, Monitor, Node, NotExpressible, Semantics, TooLarge, Verdict, dumps, loads
+from rvaft.core.patterns import overlaps
 from rvaft.model.assumptions import first_violation
-from rvaft.model.nodes import Side
+from rvaft.model.guards import variables
+from rvaft.model.nodes import Side, Without
 from rvaft.model.values import Json, is_finite
 from rvaft.monitors import DetectionMonitor
 from rvaft.semantics import Reference
@@ -21,18 +23,6 @@ from rvaft.semantics import Reference
 needs_spot: Final = pytest.mark.skipif(find_spec("spot") is None, reason="needs Spot (spottl)")
 needs_compiler: Final = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 SPOT: Final = (pytest.mark.spot, needs_spot)
-
-ABSENT: Final = frozenset({"kql", "match-recognize", "sql", "sql-duckdb", "sql-table", "sql-table-duckdb"})
-"""The backends that write absent events (`without`)."""
-
-
-def writes_absences(name: str, tree: RVAFT, semantics: Semantics) -> bool:
-    """Whether a backend writes all absent events of a tree, if it has any."""
-    sides = {clause.side for _, clause, _ in tree.absences}
-    if name == "match-recognize":
-        return not sides or (sides == {Side.DURING} and semantics is Semantics.SCATTERED)
-    return not sides or name in ABSENT
-
 
 SHAPES = {
     "plain": PLAIN,
@@ -42,6 +32,62 @@ SHAPES = {
     "variables": Shape(max_nodes=7, variables=1, guards=0.5, typed_events=0.9),
     "shared variables": Shape(max_nodes=6, sharing=0.4, variables=1, guards=0.4, typed_events=0.8),
 }
+
+
+def _without_durations(tree: RVAFT, semantics: Semantics) -> bool:
+    return all(clause.duration is None for _, clause, _ in tree.absences)
+
+
+def _of_ltlf(tree: RVAFT, semantics: Semantics) -> bool:
+    """Between two events, with guards over variables of one kind; under `strict` nothing is there."""
+
+    def is_written(clause: Without) -> bool:
+        own = tree.own_variables(clause)
+        mixed = not own.issuperset(clause.variables) and own.intersection(variables(clause.when))
+        return clause.side is Side.DURING and not mixed
+
+    written = semantics is Semantics.STRICT or all(is_written(clause) for _, clause, _ in tree.absences)
+    return written and _without_durations(tree, semantics)
+
+
+def _of_automata(tree: RVAFT, semantics: Semantics) -> bool:
+    unguarded = semantics is Semantics.STRICT or all(clause.when is None for _, clause, _ in tree.absences)
+    return unguarded and _of_ltlf(tree, semantics)
+
+
+def _of_eql(tree: RVAFT, semantics: Semantics) -> bool:
+    """The root's own, between events with other patterns."""
+    return all(
+        clause.side is Side.DURING
+        and clause.when is None
+        and (node == tree.root or (tree.nodes[node].leaf and tree.nodes[node].times == 1))
+        and not any(overlaps(pattern, other) for name in tree.occurrences if (other := tree.pattern(name)) is not None)
+        for node, clause, pattern in tree.absences
+    )
+
+
+def _of_match_recognize(tree: RVAFT, semantics: Semantics) -> bool:
+    return semantics is Semantics.SCATTERED and all(clause.side is Side.DURING for _, clause, _ in tree.absences)
+
+
+def _all(tree: RVAFT, semantics: Semantics) -> bool:
+    return True
+
+
+ABSENCES: Final[dict[str, Callable[[RVAFT, Semantics], bool]]] = {
+    "automaton": _of_automata,
+    "eql": _of_eql,
+    "ltlf": _of_ltlf,
+    "match-recognize": _of_match_recognize,
+    "mtl": _without_durations,
+    **dict.fromkeys(("c", "kql", "sql", "sql-duckdb", "sql-table", "sql-table-duckdb"), _all),
+}
+"""The trees whose absent events a backend must write, if it could write the tree without them."""
+
+
+def writes_absence(name: str, tree: RVAFT, semantics: Semantics) -> bool:
+    """Whether a backend must write a tree if it could write it without its absent events."""
+    return not tree.absences or (name in ABSENCES and ABSENCES[name](tree, semantics))
 
 
 def readable(*names: str) -> list[Any]:
@@ -92,11 +138,14 @@ def agreeing(translator: Backend, made: RVAFT, semantics: Semantics, traces: Ite
     except TooLarge:
         return 0
     except NotExpressible:
-        if Verdict.FALSE not in translator.verdicts or not writes_absences(translator.name, made, semantics):
+        if Verdict.FALSE not in translator.verdicts or not writes_absence(translator.name, made, semantics):
             return 0  # what it must express the examples say
         assert translator.name in ("rml", "c")
         text = dumps(made)
-        assert made.variables or made.time is not None or "[...," in text or asks_of_strings(made, semantics), text
+        own = any(node.own_values for node in made.nodes.values())
+        assert own or made.variables or made.time is not None or "[...," in text or asks_of_strings(made, semantics), (
+            text
+        )
         return 0
     monitor = specification.monitor()
     wanted = [one for one in traces if not translator.json_alone or all(map(is_finite, one))]

@@ -154,8 +154,8 @@ def write(
             written = {state: ["0"]}
         elif relevance is not None:
             misses, skips = automaton.rows[state].misses, automaton.rows[state].skips
-            for atoms, target in {0: state, **skips}.items():
-                skipping = "&".join(["0&!1", *words(atoms), *words(misses & ~atoms, "!")])
+            for coming, target in {0: state, **skips}.items():
+                skipping = "&".join(["0&!1", *words(coming), *words(misses & ~coming, "!")])
                 written[target] = [skipping, *written.get(target, [])]
         body += [f"[{' | '.join(alternatives)}] {number[target]}" for target, alternatives in written.items()]
         length += sum(map(len, body[-len(written) :]))

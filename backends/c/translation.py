@@ -46,12 +46,13 @@ def translation(
 
 
 def _unit_tables(prop: Property, limit: int) -> UnitTables | None:
-    """Return the tables of the units of a property, or None if it has joins, or times may decrease within a window.
+    """Return the tables of the units of a property.
 
-    Where an instance has more than `limit` starts of matches, the stages are as many.
+    None is returned if it has joins or counts different values, or times may decrease within a window. Where
+    an instance has more than `limit` starts of matches, the stages are as many.
     """
     found = units(prop) if prop.feasible else None
-    if found is None:
+    if found is None or any(unit.distinct for unit in found):
         return None
     late = None if prop.time is None else prop.time.late
     if any(unit.timed for unit in found) and late != 0:

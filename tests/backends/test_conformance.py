@@ -47,10 +47,10 @@ from tests.semantics.cases import CASES
 
 
 def default_events(example: conformance.Example, semantics: Semantics) -> bool:
-    """Every tree over default events, without times and guards, must be expressible, where events
-    are skipped at will.
+    """Every tree over default events, without times, guards and absent events, must be expressible,
+    where events are skipped at will.
     """
-    plain = all(node.on is None and node.when is None for node in example.tree.top_down())
+    plain = all(node.on is None and node.when is None and not node.without for node in example.tree.top_down())
     return semantics is Semantics.SCATTERED and plain and example.tree.time is None
 
 

@@ -70,17 +70,23 @@ def _of_match_recognize(tree: RVAFT, semantics: Semantics) -> bool:
     return semantics is Semantics.SCATTERED and all(clause.side is Side.DURING for _, clause, _ in tree.absences)
 
 
+def _of_c(tree: RVAFT, semantics: Semantics) -> bool:
+    """But `before`, where an event of the match may be the absent one."""
+    return all(clause.side is not Side.BEFORE for _, clause, _ in tree.absences)
+
+
 def _all(tree: RVAFT, semantics: Semantics) -> bool:
     return True
 
 
 ABSENCES: Final[dict[str, Callable[[RVAFT, Semantics], bool]]] = {
     "automaton": _of_automata,
+    "c": _of_c,
     "eql": _of_eql,
     "ltlf": _of_ltlf,
     "match-recognize": _of_match_recognize,
     "mtl": _without_durations,
-    **dict.fromkeys(("c", "kql", "sql", "sql-duckdb", "sql-table", "sql-table-duckdb"), _all),
+    **dict.fromkeys(("kql", "sql", "sql-duckdb", "sql-table", "sql-table-duckdb"), _all),
 }
 """The trees whose absent events a backend must write, if it could write the tree without them."""
 

@@ -139,7 +139,7 @@ def test_json_lines(first: int, tmp_path: Path) -> None:
         seen.update({"answered": answered, "found": answered and found, "declined": not answered})
     assert seen["answered"] > 30
     assert seen["found"] > 10
-    assert seen["declined"] > 3
+    assert seen["declined"] >= 3
 
 
 @pytest.mark.parametrize(

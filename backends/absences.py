@@ -24,15 +24,9 @@ def clauses_of(scenario: Scenario) -> dict[Event, tuple[Without, ...]]:
     [('a', 0), ('b', 1), ('c', 1)]
     """
     found: dict[Event, tuple[Without, ...]] = dict.fromkeys(scenario.events, ())
-    for clause in (part for part in scenario.kept if isinstance(part, Without)):
-        agenda, seen = [*scenario.kept[clause]], set[object]()
-        while agenda:
-            part = agenda.pop()
-            if part not in seen:
-                seen.add(part)
-                agenda += scenario.kept[part]
-                if isinstance(part, Event):
-                    found[part] += (clause,)
+    for clause, part in scenario.absences:
+        for event in part:
+            found[event] += (clause,)
     return found
 
 

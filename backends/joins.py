@@ -1,6 +1,6 @@
 """Scenarios as joins of events, for the languages that query tables."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, islice
@@ -9,7 +9,7 @@ from typing import TypeAlias, TypeVar
 from backends.tables import Path
 from rvaft.core.branches import branches, number_of
 from rvaft.core.patterns import compatible
-from rvaft.core.property import Event, One, Part, Property, Without, parts_below
+from rvaft.core.property import Event, One, Property, Without
 from rvaft.core.scenarios import Kept, scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge
@@ -92,17 +92,11 @@ def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, mi
         order = {event: before[event] for event in sorted(before, key=lambda event: len(before[event]))}
         guards = tuple(condition.guard for condition in scenario.conditions)
         numbered.append(_choices(scenario.kept))
-        found.append(kind(0, order, guards, tuple(absent_events(scenario.kept, order))))
+        rank = {event: place for place, event in enumerate(order)}
+        absences = ((clause, tuple(sorted(part, key=rank.__getitem__))) for clause, part in scenario.absences)
+        found.append(kind(0, order, guards, tuple(absences)))
     numbers = _branch_numbers(prop, numbered)
     return tuple(replace(one, branch=number) for number, one in zip(numbers, found, strict=True))
-
-
-def absent_events(kept: Kept, order: Iterable[Event]) -> Iterator[tuple[Without, tuple[Event, ...]]]:
-    """Yield the absent events of kept parts, each with the events of its part in order."""
-    for part in kept:
-        if isinstance(part, Without):
-            below = frozenset[Part](parts_below(part, lambda inner: kept[inner]))
-            yield part, tuple(event for event in order if event in below)
 
 
 def _choices(kept: Kept) -> Choices:

@@ -11,7 +11,6 @@ from itertools import chain, count
 from typing import Final
 
 from backends.event_columns import FittingEvent, ValueColumn, time_variables
-from backends.joins import absent_events
 from backends.match_recognize.conditions import ALWAYS, NEVER, written
 from backends.match_recognize.flink import RowHeader
 from backends.orders import Orders
@@ -92,7 +91,7 @@ class RowPatternQueries:
         own = self._orders.assigned_guards(scenario, bound, several)
         if own is None:
             return
-        absent = [(clause, frozenset(part)) for clause, part in absent_events(scenario.kept, scenario.events)]
+        absent = [(clause, frozenset(part)) for clause, part in scenario.absences]
         around = {name: frozenset(number for number, (_, part) in enumerate(absent) if name in part) for name in bound}
         fitting = {name: self._fitting(name.source.node, name.pattern, own[name]) for name in bound}
         clauses = tuple(clause for clause, _ in absent)

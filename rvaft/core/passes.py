@@ -50,7 +50,7 @@ from rvaft.model.guards import (
 )
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import Literal, Pattern, Variable
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, shown_name
 
 LIMIT: Final = 5_000
 """The default maximum number of alternatives that a pass makes."""
@@ -155,7 +155,7 @@ def _expand_times(prop: Property, _: int) -> Property:
         """Return the variables of one event in place of those that each event has."""
         found = {}
         for name in part.own:
-            fresh = f"{name.removeprefix('_')}_{number}"
+            fresh = f"{shown_name(name)}_{number}"
             while fresh in used:
                 fresh += "_"
             found[name] = fresh

@@ -135,6 +135,16 @@ class Scenario:
     conditions: tuple[Condition, ...]
     kept: Kept
 
+    def events_below(self, part: Part) -> tuple[Event, ...]:
+        """Return the events at and below a kept part, in the order of `events`."""
+        below = frozenset[Part](parts_below(part, lambda inner: self.kept[inner]))
+        return tuple(event for event in self.events if event in below)
+
+    @property
+    def absences(self) -> tuple[tuple[Without, tuple[Event, ...]], ...]:
+        """The kept clauses of absent events, each with the events of its part."""
+        return tuple((part, self.events_below(part)) for part in self.kept if isinstance(part, Without))
+
 
 def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
     """Return the events of kept parts and, for each, the earlier events as bits; None if cyclic.

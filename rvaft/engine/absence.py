@@ -406,12 +406,8 @@ class AbsentEvents(Following):
         self, call: AbsentCall, group: StageGroup, values: Mapping[str, Json], time: int | None
     ) -> list[Member]:
         """Return the members of a stage that an event breaks."""
-        members: Iterable[Member] = group.members.values()
-        if call.names and len(group.members) > _MANY:
-            lanes = group.between(call.names, [values[name] for name in call.names], None, (), values)
-            members = [one.member for lane, start, end in lanes for one in lane[start:end]]
         found = []
-        for member in members:
+        for member in _agreeing(group, call.names, values):
             if call.clause.part.side is Side.AFTER:
                 end = self._end(call.clause, member.binding)
                 if time is None or end is None or time > end + (call.clause.part.duration or 0):
@@ -436,11 +432,7 @@ class AbsentEvents(Following):
         self, group: StageGroup, move: StageMove, values: Mapping[str, Json], held: int, position: int
     ) -> Iterator[tuple[Stage, dict[str, Json], Witness]]:
         compared, joint = move.compared, move.joint
-        members: Iterable[Member] = group.members.values()
-        if compared and len(group.members) > _MANY:
-            lanes = group.between(compared, [values[name] for name in compared], None, (), values)
-            members = [one.member for lane, start, end in lanes for one in lane[start:end]]
-        for member in [*members]:
+        for member in _agreeing(group, compared, values):
             binding = member.binding
             if compared and not agree(compared, binding, values):
                 continue
@@ -519,6 +511,14 @@ class AbsentEvents(Following):
             least = self._watermark - duration
             some[:] = [one for one in some if one.time is not None and one.time >= least]
         some.append(came)
+
+
+def _agreeing(group: StageGroup, names: tuple[str, ...], values: Mapping[str, Json]) -> list[Member]:
+    """Return the members of a group; of many, by the index, only those with these values of some variables."""
+    if not names or len(group.members) <= _MANY:
+        return [*group.members.values()]
+    lanes = group.between(names, [values[name] for name in names], None, (), values)
+    return [one.member for lane, start, end in lanes for one in lane[start:end]]
 
 
 class _Latest(Mapping[str, Json]):

@@ -54,8 +54,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
-from rvaft.monitors import Explanation, Pending
-from rvaft.support.copies import twin
+from rvaft.monitors import Explanation, Pending, twin
 
 INSTANCES: Final = 20
 """The number of instances for each partial match that the limit allows."""

@@ -15,8 +15,7 @@ from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DEFAULT_BRANCHES, DEFAULT_LIMIT, Ended, Explanation, Monitor, Pending
-from rvaft.support.copies import twin
+from rvaft.monitors import DEFAULT_BRANCHES, DEFAULT_LIMIT, Ended, Explanation, Monitor, Pending, twin
 
 _UNKNOWN: Final = Verdict.UNKNOWN
 
@@ -175,9 +174,9 @@ class Engine(Monitor):
         """Return the engine that goes on after this one has detected."""
         if self._repeat_by is None:
             return super().restarted(fresh)
-        twin = self.fork()
-        twin.restart()
-        return twin
+        made = self.fork()
+        made.restart()
+        return made
 
     def restart(self) -> None:
         """Go on after a detection, without the matches that have the detected value."""
@@ -230,11 +229,9 @@ class Engine(Monitor):
         if self.tree.time is None:
             raise OptionError("the tree has no time of events: add `time FIELD as FORMAT;`")
         now = self.tree.time.now(time)
-        if self._verdict is _UNKNOWN:
-            if self._may_be_late and (self._latest is None or self._latest < now):
-                self.reach(now)
-            self._verdict = self._strategy.pass_time(now)
-        return self._verdict
+        if self._verdict is _UNKNOWN and self._may_be_late and (self._latest is None or self._latest < now):
+            self.reach(now)
+        return self.decide(now)
 
     def decide(self, time: int) -> Verdict:
         """Return the verdict after a time in nanoseconds, which makes no event late."""

@@ -29,6 +29,7 @@ from rvaft.core.property import Sequence as Ordered
 from rvaft.model.guards import Guard, Operation, Operator, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, Variable, rigid_variables, substitute
+from rvaft.model.tree import shown_name
 from rvaft.support.bits import mask_of
 
 DEEPEST: Final = 100
@@ -259,7 +260,7 @@ def _bound_by(event: Event | Times) -> set[str]:
 
 def _values_of(event: Event | Times) -> dict[str, str]:
     """Return the names by which a unit reads the values that each counted event has for itself."""
-    return {name: name.removeprefix("_") for name in event.own} if isinstance(event, Times) else {}
+    return {name: shown_name(name) for name in event.own} if isinstance(event, Times) else {}
 
 
 def _push_windows(root: _Draft) -> None:

@@ -293,6 +293,11 @@ def own_name(name: str) -> str:
     return f"_{name}"
 
 
+def shown_name(local: str) -> str:
+    """Return the name of such a variable as it is written in the tree."""
+    return local.removeprefix("_")
+
+
 def own_names(node: Node) -> dict[str, str]:
     """Return the local names of the variables of each counted event."""
     return {name: own_name(name) for name in node.own_values}

@@ -19,7 +19,7 @@ from rvaft.core.property import (
     Without,
 )
 from rvaft.core.scenario_space import ScenarioSpace
-from rvaft.core.scenarios import Kept, Scenario, scenarios
+from rvaft.core.scenarios import Scenario, scenarios
 from rvaft.errors import TooLarge
 from rvaft.language.draft import Draft
 from rvaft.model.expressions import without_text
@@ -89,7 +89,7 @@ def _scenarios(prop: Property) -> Iterator[Scenario]:
 
 def _lacking(known: Iterable[str], scenario: Scenario, part: Without) -> str:
     """Return what is wrong with a clause in a scenario, or an empty text."""
-    inside = _events_below(scenario.kept, part)
+    inside = frozenset(scenario.events_below(part))
     own = [number for number, event in enumerate(scenario.events) if event in inside]
     if not own:
         return f"{part.source.node} has no event in {branch_of(scenario.kept)}"
@@ -108,16 +108,6 @@ def _lacking(known: Iterable[str], scenario: Scenario, part: Without) -> str:
                 guess = did_you_mean(name, (one for one in known if one != name))
                 return f"variable {name} is not bound {when} in {branch_of(scenario.kept)}; {there}{guess}"
     return ""
-
-
-def _events_below(kept: Kept, part: Part) -> set[Part]:
-    found, agenda = set[Part](), [part]
-    while agenda:
-        one = agenda.pop()
-        if one not in found:
-            found.add(one)
-            agenda += kept[one]
-    return {one for one in found if isinstance(one, Event)}
 
 
 # A condition that suffices, without scenarios.

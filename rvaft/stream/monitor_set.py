@@ -21,10 +21,9 @@ from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DetectionMonitor, Ended, Explanation, Monitor, Repetition
+from rvaft.monitors import DetectionMonitor, Ended, Explanation, Monitor, Repetition, twin
 from rvaft.rules.validity import valid_part
 from rvaft.stream.statistics import EventTypeIndex
-from rvaft.support.copies import twin
 
 MOST: Final = 1_000
 _UNKNOWN: Final = Verdict.UNKNOWN

@@ -7,22 +7,20 @@ from collections import Counter, OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from datetime import datetime
-from functools import partial
 from heapq import heappop, heappush
-from itertools import repeat
+from itertools import count, repeat
 from math import inf
-from operator import itemgetter, length_hint
+from operator import itemgetter, length_hint, methodcaller
 from typing import Any, Final, TypeAlias, cast
 
 from rvaft.engine.compiled_tree import EventClass
-from rvaft.engine.monitor import Engine
 from rvaft.engine.strategy import BatchEvent, Noted
 from rvaft.errors import TooLarge
 from rvaft.model.event_time import JUMPS, Jump
 from rvaft.model.values import Json, JsonObject
 from rvaft.model.values import key as value_key
 from rvaft.model.verdict import Verdict
-from rvaft.monitors import Monitor, Repetition
+from rvaft.monitors import Monitor
 from rvaft.readers.log import Batch
 from rvaft.stream.bulk import EventGroup, Groups, changes_nothing, groups, needs_no_warning
 from rvaft.stream.data_warnings import DataWarnings, checked
@@ -102,10 +100,11 @@ class TraceRun:
         self._keyed_times = KeyedTimes()
         self._coming: dict[tuple[Json, ...], list[Json]] = {}
         """The events of each key, of a log that backends read as a whole."""
-        self._deadlines: list[tuple[float, int, int, MonitoredTrace]] = []
-        """A heap of the deadlines of keys, with others that are no longer waited for."""
-        self._waiting: dict[int, float] = {}
-        """The deadlines that are waited for, by the `id` of the monitored trace."""
+        self._deadlines: list[tuple[float, int, MonitoredTrace]] = []
+        """A heap of the deadlines of keys in order of arrival, with others that are no longer waited for."""
+        self._arrivals = count()
+        self._waiting: dict[MonitoredTrace, float] = {}
+        """The deadlines that are waited for."""
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """The monitored trace; with a key, the template for each value."""
         key, most = self.plan.key, self.plan.max_keys
@@ -392,27 +391,27 @@ class TraceRun:
     def pass_time(self, time: Json | datetime) -> None:
         """Tell all monitors that a time has come, which changes verdicts without an event."""
         shown = time.isoformat() if isinstance(time, datetime) else str(time)
-        self._tell(self.watches, lambda monitor: monitor.pass_time(time), f"time {shown}")
+        self._tell(self.watches, methodcaller("pass_time", time), f"time {shown}")
 
     def finish(self) -> None:
         """Tell all monitors that the trace is complete."""
-        self._tell(self.watches, lambda monitor: monitor.finish(), "end of the log")
+        self._tell(self.watches, methodcaller("finish"), "end of the log")
 
     def _note_deadline(self, watch: MonitoredTrace) -> None:
         """Remember the deadline of a key, which events of other keys may pass."""
         deadline = watch.monitors.deadline
-        if deadline < inf and self._waiting.get(id(watch)) != deadline:
-            self._waiting[id(watch)] = deadline
-            heappush(self._deadlines, (deadline, len(self._waiting), id(watch), watch))
+        if deadline < inf and self._waiting.get(watch) != deadline:
+            self._waiting[watch] = deadline
+            heappush(self._deadlines, (deadline, next(self._arrivals), watch))
 
     def _pass_to_all(self, event: JsonObject) -> None:
         """Decide the deadlines of all keys that the time of an event has passed."""
         time = None if self.plan.monitors.time is None else self.plan.monitors.time.read(event)
         while time is not None and self._deadlines and self._deadlines[0][0] < time:
-            deadline, _, name, watch = heappop(self._deadlines)
-            if self._waiting.get(name) == deadline:
-                del self._waiting[name]
-                self._tell([watch], partial(_decided, time=time), "event of another key")
+            deadline, _, watch = heappop(self._deadlines)
+            if self._waiting.get(watch) == deadline:
+                del self._waiting[watch]
+                self._tell([watch], methodcaller("decide", time), "event of another key")
                 self._note_deadline(watch)
 
     def _tell(self, watches: Iterable[MonitoredTrace], tell: Callable[[Monitor], Verdict], passed: str) -> None:
@@ -810,14 +809,6 @@ class TraceRun:
         for part in (self.keys, self.clock, self.ordering, self.distinct):
             if part is not None:
                 yield from part.warnings
-
-
-def _decided(monitor: Monitor, time: int) -> Verdict:
-    """Tell the engine in a monitor that a time of another key has come."""
-    if isinstance(monitor, Repetition):
-        monitor.begin_again()
-        monitor = monitor.current
-    return monitor.decide(time) if isinstance(monitor, Engine) else monitor.verdict
 
 
 def _itself(_place: int, time: int | None) -> int | None:

@@ -130,7 +130,7 @@ def differences(tree: Path, log: Path, options: Sequence[str]) -> tuple[bool, bo
 def test_json_lines(first: int, tmp_path: Path) -> None:
     seen = Counter[str]()
     tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
-    for seed in range(first, first + 60):
+    for seed in range(first, first + 70):
         draw = random.Random(seed)
         tree.write_text(CASES[seed % len(CASES)])
         log.write_text(written(draw, draw.choice([0, 0, 0.004, 0.02])), encoding="utf-8")
@@ -139,7 +139,7 @@ def test_json_lines(first: int, tmp_path: Path) -> None:
         seen.update({"answered": answered, "found": answered and found, "declined": not answered})
     assert seen["answered"] > 30
     assert seen["found"] > 10
-    assert seen["declined"] >= 3
+    assert seen["declined"] > 3
 
 
 @pytest.mark.parametrize(

@@ -1,24 +1,27 @@
-"""`rvaft report`: an HTML page about the events and detections in logs."""
+"""`rvaft report`: an HTML page about the events and detections in logs, or one for each of several trees."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import click
 
 from rvaft.api import narrowed
 from rvaft.cli import FAILED, log_options, options, warn
-from rvaft.cli.monitor import TracesGiven, limit_option, plan_of, require_companions, stream_options
+from rvaft.cli.monitor import ONE_BRANCH, TracesGiven, limit_option, plan_of, require_companions, stream_options
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held, read_afresh
 from rvaft.cli.monitor_run import run
+from rvaft.cli.trees import TreesCommand, about, loaded, trees_given
 from rvaft.model.nodes import Kind
+from rvaft.reports.index import INDEX, Row, index_page, page_names
 from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Messages
 from rvaft.stream.detection import Hooks
 from rvaft.stream.listeners import MonitoredTrace
 from rvaft.stream.monitor_set import Per
 from rvaft.stream.plan import Totals
-from rvaft.support.files import deliver
+from rvaft.support.files import deliver, place, require_folder
 
-_OUTPUT: Final = "Write the page to this file instead of standard output."
+_OUTPUT: Final = "Write the page to this file instead of standard output, or the pages of several trees to this folder."
 MOST: Final = "Maximum number of events on the page."
 
 
@@ -26,13 +29,15 @@ class PageReporter(Reporter):
     """Makes the page from the messages of a run."""
 
     sums = True
+    together = False
 
-    def __init__(self, settings: MonitorSettings, sink: Sink, report: LogReport) -> None:
+    def __init__(self, settings: MonitorSettings, sink: Sink, request: "PageRequest") -> None:
         super().__init__(settings, sink)
-        self.report = report
+        self.request = request
+        self.report = request.reports[settings.name]
         self.page: bytes | None = None
         self.stopped = False
-        sink.kept = []
+        sink.kept = [] if sink.kept is None else sink.kept
 
     def stop(self, watch: MonitoredTrace) -> None:  # noqa: ARG002
         """Note that a log cannot be read further."""
@@ -40,7 +45,7 @@ class PageReporter(Reporter):
 
     def collected_messages(self, messages: Sequence[str] = ()) -> Messages:
         """Return all messages so far, these additional ones, and the summary of the logs."""
-        totals, kept = self.totals, self.sink.kept or []
+        totals, kept = self.totals, self.request.own_lines(self.settings.name, self.sink.kept or [])
         assert totals is not None
         semantics_hint = totals.semantics_hint
         doubts = [f"warning: {line}" for line in totals.data_warnings.lines]
@@ -49,14 +54,16 @@ class PageReporter(Reporter):
         return {"said": [*kept, *messages], "held": [*summed, *meant, *doubts]}
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:  # noqa: ARG002
-        """Make the page."""
-        for line in (*self.report.left_out, *read_afresh(rows)):
-            self.sink.warn(line)
-        self.page = self.report.page(self.settings.name, self.collected_messages())
+        """Make the page; a note on several logs is for all trees."""
+        afresh = () if self.settings.many else read_afresh(rows)
+        for line in (*self.report.left_out, *afresh):
+            self.sink.warn(f"{self.settings.of_tree}{line}")
+        self.page = self.report.page(self.settings.name, self.collected_messages(), home=self.request.home)
 
 
 _OPTIONS: Final = (
-    options.tree_argument,
+    click.argument("tree", metavar="TREE... [--]"),
+    options.reading_options,
     options.semantics_option,
     options.part_options,
     click.argument("logs", nargs=-1, required=True, metavar="LOG..."),
@@ -77,42 +84,84 @@ def page_options(function: options.F) -> options.F:
 
 
 class PageRequest:
-    """The logs of a page and how they are monitored."""
+    """The trees and logs of pages, and how they are monitored.
+
+    `pages` has the name of each tree's page, which is a file, or a folder of a server with `served`.
+    """
 
     def __init__(
-        self, tree: str, logs: Sequence[str], branch: int | None, kind: Kind | None, *, follow: bool, given: Any
+        self,
+        tree: str,
+        logs: Sequence[str],
+        branch: int | None,
+        kind: Kind | None,
+        *,
+        follow: bool = False,
+        served: bool = False,
+        given: Any,
     ) -> None:
-        whole = options.load_tree(tree)
-        plan = plan_of(narrowed(whole, branch, kind), whole, given)
+        options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
+        require_companions(given)
+        files, logs = trees_given(tree, logs)
+        wholes = loaded(files)
+        many = len(wholes) > 1
+        options.refuse(many and branch is not None, ONE_BRANCH)
         self._traces = TracesGiven(logs, given["log_format"], live=follow)
         if follow:
             self._traces.require_growing("--follow", "LOG")
         most = given["max_events"] or (SHOWN if follow else PLACES)
-        self.report = LogReport(whole, plan, most=most, grows=follow)
-        self.settings = MonitorSettings(
-            plan,
-            whole,
-            name=click.format_filename(tree),
-            per=given["per"],
-            form="text",
-            several=self._traces.several,
-            detections=False,
-            drawn=False,
-            drawing=None,
-            hooks=Hooks(),
-            checkpoints=None,
-            follow=follow,
-            unchosen=given["semantics"] is None and whole.semantics is None,
-            others=(self.report,),
-        )
+        self.settings: list[MonitorSettings] = []
+        self.reports: dict[str, LogReport] = {}
+        for file, whole in wholes.items():
+            name = click.format_filename(file)
+            with about(file, many=many):
+                plan = plan_of(narrowed(whole, branch, kind), whole, given)
+                self.reports[name] = report = LogReport(whole, plan, most=most, grows=follow)
+            self.settings.append(
+                MonitorSettings(
+                    plan,
+                    whole,
+                    name=name,
+                    per=given["per"],
+                    form="text",
+                    several=self._traces.several,
+                    detections=False,
+                    drawn=False,
+                    drawing=None,
+                    hooks=Hooks(),
+                    checkpoints=None,
+                    follow=follow,
+                    unchosen=given["semantics"] is None and whole.semantics is None,
+                    others=(report,),
+                    many=many,
+                )
+            )
+        self.pages = dict(zip(self.reports, page_names(self.reports), strict=True))
+        self._ending = "/" if served else ".html"
+        self.home = "" if not many else "../" if served else f"{INDEX}.html"
+        """The address of the page that lists the trees, from the page of one; "" for one tree."""
+
+    def own_lines(self, name: str, lines: Sequence[str]) -> list[str]:
+        """Return the lines that are not about another tree, as far as they say so."""
+        others = tuple(f"rvaft: warning: {one}: " for one in self.reports if one != name)
+        return [line for line in lines if not line.startswith(others)]
+
+    def index(self, lines: Sequence[str], *, live: bool = False) -> bytes:
+        """Return the page that lists the trees."""
+        rows = []
+        for one in self.settings:
+            report, root = self.reports[one.name], one.tree.nodes[one.tree.root]
+            address = f"{self.pages[one.name]}{self._ending}"
+            rows.append(Row(one.name, address, root.label or root.name, report.detections, report.last_detection))
+        return index_page(rows, lines, live=live)
 
     def run(self, make: Callable[[MonitorSettings, Sink], Reporter]) -> int:
         """Read the logs and return the exit status."""
-        status = run([self.settings], self._traces.sources, report=make)
+        status = run(self.settings, self._traces.sources, report=make)
         return FAILED if self._traces.missing.met else status
 
 
-@click.command("report")
+@click.command("report", cls=TreesCommand)
 @page_options
 @options.number("--max-events", default=PLACES, text=MOST)
 @click.option("-o", "--output", metavar="FILE", help=_OUTPUT)
@@ -122,22 +171,30 @@ def report_command(
     """Write an HTML page about the events in each LOG: the tree, the events, detections and near
     misses.
 
-    A LOG is given as for `monitor`. The page is one file and needs no network. The exit status is 1
-    if a log detects the tree.
+    A LOG is given as for `monitor`. The page is one file and needs no network. Several trees, or all trees of a
+    folder, have a page each, and a page that lists them. The exit status is 1 if a log detects a tree.
     """
-    options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
-    require_companions(given)
-    request = PageRequest(tree, logs, branch, kind, follow=False, given=given)
-    options.require_writable([output or "-"])
+    request = PageRequest(tree, logs, branch, kind, given=given)
+    many = len(request.settings) > 1
+    if many:
+        options.refuse(output in (None, "", "-"), "several trees have a page each: name a folder for them by -o")
+        folder = Path(output or "")
+        require_folder(folder if folder.exists() else folder.parent)
+    else:
+        options.require_writable([output or "-"])
     made: list[PageReporter] = []
 
     def make(settings: MonitorSettings, sink: Sink) -> Reporter:
-        made.append(PageReporter(settings, sink, request.report))
-        return made[0]
+        made.append(PageReporter(settings, sink, request))
+        return made[-1]
 
     status = request.run(make)
-    if made[0].page is None:
+    pages = {request.pages[one.settings.name]: one.page for one in made if one.page is not None}
+    if not pages:
         warn(f"{output or 'the page'} is not written: no log was read to its end")
+    elif many:
+        pages[INDEX] = request.index(made[0].sink.kept or [])
+        place(Path(output or ""), {f"{name}.html": page for name, page in pages.items()}, force=True)
     else:
-        deliver(made[0].page, output)
+        deliver(next(iter(pages.values())), output)
     return status

@@ -1,10 +1,8 @@
 """`rvaft monitor`: watch events for a tree and give verdicts."""
 
-import os
 import shutil
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Final
@@ -16,11 +14,10 @@ from rvaft.cli import FAILED, Failures, log_options, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
+from rvaft.cli.trees import TreesCommand, about, loaded, trees_given
 from rvaft.engine.monitor import Engine
-from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing
+from rvaft.errors import NotExpressible, TooLarge, ToolMissing
 from rvaft.export.formats import PICTURES
-from rvaft.language.parser import SUFFIXES as TREES
-from rvaft.language.parser import NoTree
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
@@ -30,7 +27,7 @@ from rvaft.model.values import has_surrogate
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import DEFAULT_LIMIT, Monitor
 from rvaft.readers.json_lines import JsonLinesReader
-from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream, scheme
+from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
 from rvaft.stream.checkpoint import EVERY, CheckpointFile
 from rvaft.stream.detection import Hooks
 from rvaft.stream.keys import MAX_DISTINCT, MAX_KEYS, Field, Key
@@ -46,17 +43,15 @@ from rvaft.support.wording import listing
 if TYPE_CHECKING:
     from rvaft.cli.native_run import NativeRun
 
-BEFORE: Final = "before"
-"""The key of the number of arguments before `--` in the context."""
 TERMINAL: Final = "-"
 """The value of `--explain` without FILE: draw in the text."""
 
 
-class MonitorCommand(click.Command):
+class MonitorCommand(TreesCommand):
     """Parses `--explain [FILE]`, where FILE must have a drawing suffix, and `TREE... -- LOG...`."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse, after making a bare `--explain` explicit; note how many words stand before `--`."""
+        """Parse, after making a bare `--explain` explicit."""
         made: list[str] = []
         for place, word in enumerate(args):
             if word == "--":
@@ -65,19 +60,7 @@ class MonitorCommand(click.Command):
             following = args[place + 1] if place + 1 < len(args) else ""
             bare = word == "--explain" and PurePath(following).suffix.lower() not in SUFFIXES
             made.append(f"--explain={TERMINAL}" if bare else word)
-        ctx.meta[BEFORE] = self._before(ctx, made)
         return super().parse_args(ctx, made)
-
-    def _before(self, ctx: click.Context, args: list[str]) -> int | None:
-        """Return the number of arguments before `--`, or None without it."""
-        for place in (place for place, word in enumerate(args) if word == "--"):
-            try:
-                found, _, _ = self.make_parser(ctx).parse_args(args[:place])
-            except click.UsageError:  # this is the value of an option, or an option is wrong
-                continue
-            words = found.get("traces")
-            return isinstance(found.get("tree"), str) + (len(words) if isinstance(words, (tuple, list)) else 0)
-        return None
 
 
 def _drawable(_context: click.Context, _parameter: click.Parameter, value: str | None) -> str | None:
@@ -104,6 +87,7 @@ _OF_ONE_TREE: Final = {
     "foxglove": "a server or file shows one",
 }
 """Options that cannot serve several trees, each with the reason."""
+ONE_BRANCH: Final = "--branch is for one tree: each tree numbers its own branches"
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
 _ORDER: Final = "Sort events by this field, a number or an ISO 8601 time."
@@ -172,16 +156,16 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     TRACE. Each tree is monitored on its own, and the output names it.
     """
     options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
-    files, given["traces"] = trees_given(tree, given["traces"], click.get_current_context().meta[BEFORE])
+    files, given["traces"] = trees_given(tree, given["traces"])
     _check(given)
-    wholes = _loaded(files)
+    wholes = loaded(files)
     many = len(wholes) > 1
     if many:
         _check_many(given, branch)
     plans: list[MonitoringPlan] = []
     native_run = None
     for file, whole in wholes.items():
-        with _about(file, many=many):
+        with about(file, many=many):
             part, semantics = narrowed(whole, branch, kind), resolve_semantics(whole, given["semantics"])
             native_run = _native_run(part, semantics, given) if given["native"] else None
             plans.append(plan_of(part, whole, given, native_run))
@@ -230,7 +214,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         for (file, whole), plan in zip(wholes.items(), plans, strict=True)
     ]
     for one in settings if given["template"] is not None else ():
-        with _about(one.name, many=many):
+        with about(one.name, many=many):
             Template(given["template"], one)
     if given["foxglove"] is not None:
         endless = traces.live or given["follow"] or (traces.streams and given["word"] is None)
@@ -282,82 +266,12 @@ def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEng
         output.unblock()
 
 
-def trees_given(tree: str, words: Sequence[str], before: int | None) -> tuple[dict[str, str], tuple[str, ...]]:
-    """Return the trees, with their folder or "", and the logs of a command line.
-
-    `before` is the number of arguments before `--`.
-    Trees end at `--`. Without it, or with one argument before it, there is one TREE, or a folder of trees.
-    """
-    several = before is not None and before > 1
-    others, logs = (words[: (before or 1) - 1], words[(before or 1) - 1 :]) if several else ((), words)
-    if others and not any(map(_seems_tree, others)):
-        others, logs = (), words  # `--` stands among logs
-    wrong = next((one for one in others if not _seems_tree(one)), None)
-    options.refuse(wrong, f"before -- stand trees only ({', '.join(TREES)}), but {wrong} is none: name logs after --")
-    told = "to monitor several trees, end them with --, as in: rvaft monitor A.rvaft B.rvaft -- LOG"
-    log = next((one for one in logs if PurePath(one).suffix.lower() == TREES[0]), None)
-    options.refuse(log, f"{log} is a tree, where a log is expected; {told}")
-    option = next((one for one in logs if one.startswith("-") and one != "-" and not os.path.lexists(one)), None)
-    late = option if before is not None and (others or Path(tree).is_dir()) else None
-    options.refuse(late, f"{late} stands after --, where only logs are expected: put options before it")
-    given_word = click.get_current_context().params.get("word") is not None
-    options.refuse(others and not logs and not given_word, "no log after --: name one, or - for standard input")
-    files: dict[str, str] = {}
-    places: dict[str, str] = {}
-    for given in (tree, *others):
-        folder = given if Path(given).is_dir() else ""
-        for file in _in_folder(given) if folder else [given]:
-            same = places.setdefault(os.path.realpath(file), file)
-            twice = f"the tree {file} is given twice{'' if same == file else f', also as {same}'}"
-            options.refuse(same != file or file in files, twice)
-            files[file] = folder
-    return files, tuple(logs)
-
-
-def _seems_tree(name: str) -> bool:
-    """Whether this is the name of a tree, or a folder with trees."""
-    if Path(name).is_dir():
-        return any(Path(name).glob(f"*{TREES[0]}"))
-    return PurePath(name).suffix.lower() in TREES and not scheme(name)
-
-
-def _in_folder(name: str) -> list[str]:
-    """Return the trees in a folder, by name."""
-    found = sorted(file for file in Path(name).iterdir() if file.suffix == TREES[0] and file.is_file())
-    options.refuse(not found, f"{click.format_filename(name)}: Is a directory without a tree (*{TREES[0]})")
-    return list(map(str, found))
-
-
-def _loaded(files: Mapping[str, str]) -> dict[str, RVAFT]:
-    """Load trees; of those in a folder some may only declare what others import."""
-    found: dict[str, RVAFT] = {}
-    for file, folder in files.items():
-        try:
-            found[file] = options.load_tree(file)
-        except NoTree as error:
-            if not (error.is_part and folder):
-                raise
-    options.refuse(not found, f"{', '.join(set(files.values()))}: the files only declare what trees import")
-    return found
-
-
-@contextmanager
-def _about(name: str, *, many: bool) -> Iterator[None]:
-    """Name the tree in errors, if there are several."""
-    try:
-        yield
-    except RvaftError as error:
-        if many:
-            error.add_note(f"the tree is {click.format_filename(name)}")
-        raise
-
-
 def _check_many(given: Mapping[str, Any], branch: int | None) -> None:
     """Refuse the options that are for a single tree."""
     for name, why in _OF_ONE_TREE.items():
         wrong = given[name] not in (None, False, (), "")
         options.refuse(wrong, f"--{name.replace('_', '-')} is for one tree: {why}")
-    options.refuse(branch is not None, "--branch is for one tree: each tree numbers its own branches")
+    options.refuse(branch is not None, ONE_BRANCH)
     options.refuse(given["form"] == "table", "--format table is for one tree: it has a column for each verdict of it")
     drawn = given["explain"] not in (None, TERMINAL)
     options.refuse(drawn, "--explain FILE is for one tree: omit FILE to draw in the text")

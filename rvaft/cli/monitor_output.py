@@ -178,6 +178,8 @@ class Reporter(Listener):
     """Prints verdicts to a sink, and with `sums` a summary."""
 
     sums = False
+    together = True
+    """Whether several trees end with one summary."""
 
     def __init__(self, settings: MonitorSettings, sink: Sink) -> None:
         self.settings = settings

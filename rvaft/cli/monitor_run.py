@@ -18,7 +18,7 @@ import click
 
 from rvaft.cli import FAILED, FOUND
 from rvaft.cli.alerts import ALL_REPORTERS
-from rvaft.cli.monitor_output import WIDE, MonitorSettings, Reporter, Sink, SummaryRow, finish_together
+from rvaft.cli.monitor_output import WIDE, MonitorSettings, Reporter, Sink, SummaryRow, finish_together, read_afresh
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
 from rvaft.export.formats import PICTURES
 from rvaft.model.tree import RVAFT
@@ -194,7 +194,7 @@ class _WatchedTree:
         self,
         settings: MonitorSettings,
         sink: Sink,
-        reporter: Reporter | None,
+        reporter: Reporter,
         warn: Callable[[str], object],
         *,
         deliver: bool,
@@ -203,7 +203,7 @@ class _WatchedTree:
     ) -> None:
         self.settings = settings
         monitors = settings.plan.monitors
-        self.reporter = reporter or ALL_REPORTERS[settings.form](settings, sink)
+        self.reporter = reporter
         sums = self.reporter.sums
         resumed = settings.checkpoints is not None
         tried = not resumed and few
@@ -244,7 +244,7 @@ class _Run(Listener):
         trees: Sequence[MonitorSettings],
         sink: Sink,
         progress: ProgressBar | None,
-        reporter: Reporter | None = None,
+        report: Callable[[MonitorSettings, Sink], Reporter] | None = None,
         *,
         deliver: bool,
         jobs: int = 1,
@@ -258,7 +258,8 @@ class _Run(Listener):
         self._said: set[str] | None = set() if len(trees) > 1 and len(times) == 1 else None
         """What was said about times, if all trees read them alike."""
         made = partial(_WatchedTree, deliver=deliver, first=self, few=len(trees) <= WIDE)
-        self.trees = [made(one, sink, reporter, partial(self._warn_of, one)) for one in trees]
+        make = report or (lambda one, sink: ALL_REPORTERS[one.form](one, sink))
+        self.trees = [made(one, sink, make(one, sink), partial(self._warn_of, one)) for one in trees]
         self._log: Log | None = None
         self._has_whole = True
         """Whether the events that are kept, for explanations and order, have all fields."""
@@ -596,7 +597,7 @@ def run(
     jobs: int = 1,
     report: Callable[[MonitorSettings, Sink], Reporter] | None = None,
 ) -> int:
-    """Run all traces for all trees and return the exit status; `report` replaces the reporter."""
+    """Run all traces for all trees and return the exit status; `report` makes other reporters."""
     STOP.reset()
     gc.freeze()  # decoding triggers garbage collection often
     settings = trees[0]
@@ -605,8 +606,7 @@ def run(
         watched = not settings.follow and all(trace.file is not None for trace in traces)
         progress = ProgressBar(sizes) if watched and sizes else None
         sink = Sink(progress=progress)
-        reporter = None if report is None else report(settings, sink)
-        alone = _Run(trees, sink, progress, reporter, deliver=True, jobs=jobs)
+        alone = _Run(trees, sink, progress, report, deliver=True, jobs=jobs)
         if jobs > 1 and len(traces) > 1:
             outcomes = list(_in_processes(alone, traces, jobs))
         else:
@@ -614,8 +614,11 @@ def run(
         rows = [[row for one in of_trees for row in one.rows] for of_trees in zip(*outcomes, strict=True)]
         every = [one for of_trees in outcomes for one in of_trees]
         if any(outcome.ended for outcome in every):
-            if len(trees) == 1:
-                alone.trees[0].reporter.finish(rows[0], alone.trees[0].totals)
+            if len(trees) == 1 or not alone.trees[0].reporter.together:
+                for line in read_afresh([row for own in rows for row in own]) if len(trees) > 1 else ():
+                    sink.warn(line)
+                for tree, own in zip(alone.trees, rows, strict=True):
+                    tree.reporter.finish(own, tree.totals)
             else:
                 finish_together([tree.reporter for tree in alone.trees], rows)
         if (names := "".join({one.keyless for one in every})) and not any(rows):

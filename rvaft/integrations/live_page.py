@@ -1,8 +1,9 @@
 """The live page over HTTP: answers to requests, and a small server for the browsers of one log.
 
 `/` is the page, and `/events` a stream of server-sent events for a live page. The `id` of an event
-is a cursor with which a browser reconnects; its data are the changes as JSON. Requests cannot
-change anything, and answers never contain text of a request.
+is a cursor with which a browser reconnects; its data are the changes as JSON. Of several pages,
+`/` lists them, and each has a folder, as in `/NAME/` and `/NAME/events`. Requests cannot change
+anything, and answers never contain text of a request.
 """
 
 import errno
@@ -18,9 +19,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from queue import Empty, SimpleQueue
 from threading import BoundedSemaphore, Event, Thread
 from time import monotonic, sleep
-from typing import Any, Final, Literal, cast
+from typing import Any, Final, Literal, NamedTuple, cast
 from urllib.parse import parse_qs, urlsplit
 
+from rvaft.reports.index import index_policy
 from rvaft.reports.log_report import policy
 from rvaft.support.network import LOCAL, own, unavailable
 
@@ -42,17 +44,31 @@ _REFUSALS: Final = {
     HTTPStatus.SERVICE_UNAVAILABLE: "too many open pages; close another one",
 }
 Changes = tuple[str, bytes]
-ResourceKind = Literal["page", "events"]
+ResourceKind = Literal["index", "page", "events"]
 
 
-def resource_kind(target: str, *, live: bool) -> ResourceKind | None:
-    """Return the kind of resource at a request target, or None.
+class Resource(NamedTuple):
+    """The list of several pages, a page by its name ("" for the only one), or the stream of its changes."""
 
-    >>> [resource_kind(target, live=True) for target in ("/", "/events?after=1", "/../etc/passwd")]
-    ['page', 'events', None]
+    page: str
+    kind: ResourceKind
+
+
+def resource_of(target: str, *, live: bool, pages: Collection[str] = ()) -> Resource | None:
+    """Return the resource at a request target, or None; `pages` are the names, if there are several.
+
+    >>> [resource_of(target, live=True) for target in ("/", "/events?after=1", "/../etc/passwd")]
+    [Resource(page='', kind='page'), Resource(page='', kind='events'), None]
+    >>> [resource_of(target, live=True, pages=["a"]) for target in ("/", "/events", "/a/events", "/b/")]
+    [Resource(page='', kind='index'), None, Resource(page='a', kind='events'), None]
     """
-    path = target.partition("?")[0]
-    return "page" if path == "/" else "events" if path == "/events" and live else None
+    folder, _, last = target.partition("?")[0].rpartition("/")
+    page = folder.removeprefix("/")
+    if folder and (folder != f"/{page}" or page not in pages):
+        return None
+    if last == "":
+        return Resource(page, "index" if pages and not page else "page")
+    return Resource(page, "events") if last == "events" and live and (page or not pages) else None
 
 
 def cursor_of(target: str, last: str | None) -> str:
@@ -74,10 +90,11 @@ def message(changes: Changes) -> bytes:
 
 def headers(kind: ResourceKind | None, *, live: bool) -> Mapping[str, str]:
     """Return the headers of an answer: type, content policy, and no caching."""
-    types = {"page": "text/html", "events": "text/event-stream", None: "text/plain"}
+    types = {"index": "text/html", "page": "text/html", "events": "text/event-stream", None: "text/plain"}
+    rules = index_policy() if kind == "index" else policy(live=live)
     return {
         "Content-Type": f"{types[kind]}; charset=utf-8",
-        "Content-Security-Policy": f"{policy(live=live)}; frame-ancestors 'none'",
+        "Content-Security-Policy": f"{rules}; frame-ancestors 'none'",
         "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer",
         "Cross-Origin-Resource-Policy": "same-origin",
@@ -94,26 +111,30 @@ def refusal(status: HTTPStatus, more: str = "") -> str:
     return f"{status.value} {_REFUSALS[status]}{more}\n"
 
 
+Asked = Callable[[str, str | None], Any]
+"""Receives the name of a page and a cursor, and returns the changes since; for None, it returns the page."""
+
+
 class Questions:
     """Requests from browser threads to the reading thread."""
 
     def __init__(self) -> None:
-        self._waiting: SimpleQueue[tuple[str | None, Future[Any]]] = SimpleQueue()
+        self._waiting: SimpleQueue[tuple[str, str | None, Future[Any]]] = SimpleQueue()
 
-    def ask(self, cursor: str | None) -> Any:
-        """Wait for the changes since a cursor, or for the page if it is None, and return them."""
+    def ask(self, page: str, cursor: str | None) -> Any:
+        """Wait for the changes of a page since a cursor, or for the page if that is None, and return them."""
         future: Future[Any] = Future()
-        self._waiting.put((cursor, future))
+        self._waiting.put((page, cursor, future))
         return future.result()
 
-    def answer(self, make: Callable[[str | None], Any], *, wait: float = 0.0) -> None:
+    def answer(self, make: Asked, *, wait: float = 0.0) -> None:
         """Answer all pending requests; wait up to so many seconds for the first."""
         with suppress(Empty):
             while True:
-                cursor, future = self._waiting.get(timeout=wait) if wait else self._waiting.get_nowait()
+                page, cursor, future = self._waiting.get(timeout=wait) if wait else self._waiting.get_nowait()
                 wait = 0.0
                 try:
-                    future.set_result(make(cursor))
+                    future.set_result(make(page, cursor))
                 except BaseException as error:
                     future.set_exception(error)
                     raise
@@ -122,12 +143,11 @@ class Questions:
         """Cancel pending requests."""
         with suppress(Empty):
             while True:
-                self._waiting.get_nowait()[1].cancel()
+                self._waiting.get_nowait()[2].cancel()
 
 
 class PageServer(ThreadingHTTPServer):
-    """Serves a page to browsers and, if `live`, updates: `ask` receives a cursor, or None for the
-    page.
+    """Serves a page to browsers and, if `live`, updates; of several, `pages` has the names.
 
     Port 0 is any free port; `origins` are the allowed host names besides addresses. Raises
     `OSError`.
@@ -138,15 +158,17 @@ class PageServer(ThreadingHTTPServer):
 
     def __init__(
         self,
-        ask: Callable[[str | None], Any],
+        ask: Asked,
         *,
         live: bool,
+        pages: Collection[str] = (),
         host: str = LOCAL,
         port: int = 0,
         origins: Collection[str] = (),
     ) -> None:
         self.ask = ask
         self.live = live
+        self.pages = pages
         self.origins = origins
         self.closing = Event()
         self.room = BoundedSemaphore(BROWSERS)
@@ -263,21 +285,21 @@ class _Answering(BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Send the page or the stream of updates."""
         server = self.server
-        kind = resource_kind(self.path, live=server.live)
+        found = resource_of(self.path, live=server.live, pages=server.pages)
         if not own(self.headers.get_all("Host", []), server.origins):
             self._refuse(HTTPStatus.FORBIDDEN)
-        elif kind is None:
+        elif found is None:
             self._refuse(HTTPStatus.NOT_FOUND)
         elif not server.room.acquire(blocking=False):
             self._refuse(HTTPStatus.SERVICE_UNAVAILABLE)
         else:
             try:
-                if kind == "page":
-                    self._send(HTTPStatus.OK, server.ask(None), "page")
+                if found.kind != "events":
+                    self._send(HTTPStatus.OK, server.ask(found.page, None), found.kind)
                 elif self.command == "HEAD":
                     self._begin(HTTPStatus.OK, "events")
                 else:
-                    self._stream(cursor_of(self.path, self.headers.get("Last-Event-ID")))
+                    self._stream(found.page, cursor_of(self.path, self.headers.get("Last-Event-ID")))
             finally:
                 server.room.release()
 
@@ -293,11 +315,11 @@ class _Answering(BaseHTTPRequestHandler):
         """Answer a malformed request without repeating it."""
         super().send_error(code)
 
-    def _stream(self, cursor: str) -> None:
+    def _stream(self, page: str, cursor: str) -> None:
         self._begin(HTTPStatus.OK, "events")
         spoken = monotonic()
         while not self.server.closing.is_set():
-            new, sent = self.server.ask(cursor), b""
+            new, sent = self.server.ask(page, cursor), b""
             if new[1]:
                 cursor, sent = new[0], message(new)
             elif monotonic() - spoken > _HEARTBEAT:

@@ -9,11 +9,11 @@ import click
 
 from rvaft.cli import options
 from rvaft.cli.log_report import MOST, PageReporter, PageRequest, page_options
-from rvaft.cli.monitor import require_companions
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
-from rvaft.integrations.live_page import PageServer, Questions
+from rvaft.cli.trees import TreesCommand
+from rvaft.integrations.live_page import Asked, PageServer, Questions
 from rvaft.model.nodes import Kind
-from rvaft.reports.log_report import PLACES, SHOWN, LogReport
+from rvaft.reports.log_report import PLACES, SHOWN
 from rvaft.stream.detection import counted
 from rvaft.stream.follow import POLL, stopping
 from rvaft.stream.plan import Totals
@@ -26,46 +26,82 @@ _LATEST: Final = f"{MOST}  [default: {PLACES}; with --follow {SHOWN}, the latest
 _LINES: Final = 500
 
 
-class LivePageReporter(PageReporter):
-    """Answers browsers while a log grows."""
+class LivePages:
+    """Answers browsers while a log grows, with the page of one tree or those of several.
 
-    def __init__(
-        self,
-        settings: MonitorSettings,
-        sink: Sink,
-        report: LogReport,
-        questions: Questions,
-        ready: Callable[[], object],
-    ) -> None:
-        super().__init__(settings, sink, report)
+    `ready` is called once there is something to show.
+    """
+
+    def __init__(self, request: PageRequest, questions: Questions, ready: Callable[[], object]) -> None:
+        self.request = request
         self._questions = questions
         self._ready = ready
         self._gone = 0
-        self.run: TraceRun | None = None
+        self.reporters: list[LivePageReporter] = []
 
-    def pause(self, run: TraceRun) -> None:
+    @property
+    def begun(self) -> bool:
+        """Whether there is something to show."""
+        return any(one.run is not None for one in self.reporters)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a log cannot be read further."""
+        return all(one.stopped for one in self.reporters)
+
+    def begin(self) -> None:
+        """Say where the page is."""
+        self._ready()
+
+    def pause(self) -> None:
         """Answer browsers."""
-        if self.run is None:
-            self._ready()
-        self.run = run
         self._questions.answer(self.answer)
 
-    def answer(self, cursor: str | None) -> Any:
-        """Return the page, or the changes since a cursor."""
-        kept = self.sink.kept or []
+    def answer(self, page: str, cursor: str | None) -> Any:
+        """Return a page, or its changes since a cursor."""
+        kept = self.reporters[0].sink.kept or []
         self._gone += max(len(kept) - _LINES, 0)
         del kept[: max(len(kept) - _LINES, 0)]
         gone = [f"{counted(self._gone, 'line')} before these are no longer on this page"] if self._gone else []
+        names = {name: place for place, name in enumerate(self.request.pages.values())}
+        if page in names:
+            return self.reporters[names[page]].answer(cursor, gone)
+        if len(names) == 1:
+            return self.reporters[0].answer(cursor, gone)
+        return self.request.index([*gone, *kept], live=True)
+
+
+class LivePageReporter(PageReporter):
+    """Makes the page of one tree while its log grows."""
+
+    def __init__(self, settings: MonitorSettings, sink: Sink, pages: LivePages) -> None:
+        super().__init__(settings, sink, pages.request)
+        self._pages = pages
+        self.run: TraceRun | None = None
+
+    def pause(self, run: TraceRun) -> None:
+        """Answer browsers, once for all trees."""
+        first = not self._pages.begun
+        self.run = run
+        if first:
+            self._pages.begin()
+        if self is self._pages.reporters[-1]:
+            self._pages.pause()
+
+    def answer(self, cursor: str | None, gone: Sequence[str]) -> Any:
+        """Return the page, or the changes since a cursor."""
         odd = [f"rvaft: warning: {line}" for line in self.run.warnings] if self.run and not self.run.ended else []
         lines = self.collected_messages([*gone, *odd, *(f"rvaft: warning: {line}" for line in self.report.left_out)])
         name = self.settings.name
-        return self.report.page(name, lines, live=True) if cursor is None else self.report.since(cursor, name, lines)
+        if cursor is None:
+            return self.report.page(name, lines, live=True, home=self.request.home)
+        return self.report.since(cursor, name, lines)
 
     def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
         """Do nothing: the page already has all warnings."""
 
 
-@click.command("view")
+@click.command("view", cls=TreesCommand)
 @page_options
 @options.number("--max-events", text=_LATEST)
 @click.option("--follow", is_flag=True, help="Keep reading as the log grows, and update the page.")
@@ -94,48 +130,50 @@ def view_command(
     """Serve the page of `rvaft report` to browsers until Ctrl-C; --follow updates it as the log
     grows.
 
-    Prints the address of the page. The exit status is 1 if a log detects the tree.
+    Prints the address of the page; of several trees, a page lists theirs. The exit status is 1 if a log detects a
+    tree.
     """
-    options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
-    require_companions(given)
     require_host(host)
     origins = [f"http://{host}", *map(network.origin, origin)]
-    request = PageRequest(tree, logs, branch, kind, follow=follow, given=given)
+    request = PageRequest(tree, logs, branch, kind, follow=follow, served=True, given=given)
     questions, made = Questions(), list[PageReporter]()
+    names = tuple(request.pages.values()) if len(request.pages) > 1 else ()
     output.unblock()
-    with PageServer(questions.ask, live=follow, host=host, port=port, origins=origins) as server:
+    with PageServer(questions.ask, live=follow, pages=names, host=host, port=port, origins=origins) as server:
 
         def ready() -> None:
             click.echo(visible(f"the page is at {server.url}"))
             sys.stdout.flush()
 
+        live = LivePages(request, questions, ready)
+
         def make(settings: MonitorSettings, sink: Sink) -> Reporter:
-            made.append(
-                LivePageReporter(settings, sink, request.report, questions, ready)
-                if follow
-                else PageReporter(settings, sink, request.report)
-            )
-            return made[0]
+            if follow:
+                live.reporters.append(LivePageReporter(settings, sink, live))
+                return live.reporters[-1]
+            made.append(PageReporter(settings, sink, request))
+            return made[-1]
 
         with server.listening() if follow else nullcontext():
             status = request.run(make)
-            reporter, shown = made[0], False
-            if isinstance(reporter, LivePageReporter):
-                shown = reporter.run is not None
-                if shown and reporter.stopped:
-                    _answer_until_stopped(questions, reporter.answer)
+            if live.begun and live.stopped:
+                _answer_until_stopped(questions, live.answer)
             questions.close()
-        if not follow and reporter.page is not None:
-            shown = True
+        pages = {request.pages[one.settings.name]: one.page for one in made if one.page is not None}
+        if pages:
+            if names:
+                pages[""] = request.index(made[0].sink.kept or [])
+            else:
+                pages[""] = next(iter(pages.values()))
             with server.listening():
                 ready()
-                _answer_until_stopped(questions, lambda _: reporter.page)
-        if shown:
+                _answer_until_stopped(questions, lambda page, _: pages[page])
+        if pages or live.begun:
             click.echo(visible(f"rvaft: the page at {server.url} is closed"), err=True)
     return status
 
 
-def _answer_until_stopped(questions: Questions, make: Callable[[str | None], Any]) -> None:
+def _answer_until_stopped(questions: Questions, make: Asked) -> None:
     with stopping() as stop:
         while not stop():
             questions.answer(make, wait=POLL)

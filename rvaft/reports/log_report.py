@@ -122,6 +122,10 @@ class LogReport(Listener):
         """Places with the results of missing events computed later."""
         self._unplaced = self._unchanged = 0
         self._first_unplaced = self._first_unchanged = ""
+        self.detections = 0
+        """The number of detections of the tree, also those that are no longer on the page."""
+        self.last_detection = ""
+        """The trace, key and event of the last one."""
         self._dropped = self._undetected = self._unwatched = 0
         """The numbers of dropped places, detections and ended watches."""
         self._before: dict[int, _Seen] = {}
@@ -162,6 +166,10 @@ class LogReport(Listener):
 
     def change(self, change: VerdictChange) -> None:
         """Note a change of verdicts."""
+        if 0 in change.detected:
+            self.detections += 1
+            key = "".join(f"{_text(value)}, " for value in change.watch.key or ())
+            self.last_detection = f"{key}{self._place(change.watch, change.number)}"
         if self.grows:
             self._make_room_where_full()
         elif len(self._changes) >= CHANGES:
@@ -220,8 +228,8 @@ class LogReport(Listener):
             found.append(f"some events are cut to {LONGEST} characters: the page has room for {TEXT} characters")
         return found
 
-    def page(self, name: str, messages: Messages, *, live: bool = False) -> bytes:
-        """Return the page as one file; a `live` page requests updates."""
+    def page(self, name: str, messages: Messages, *, live: bool = False, home: str = "") -> bytes:
+        """Return the page as one file; a `live` page requests updates, and `home` is the page of all trees."""
         if not self.grows:
             self._read_again()
         data = self._all(name, messages)
@@ -231,6 +239,7 @@ class LogReport(Listener):
         texts = (text.replace("<", "\\u003c") for text in _pieces(data))
         parts: dict[str, Iterable[str]] = {
             "TITLE": [escape(visible(name))],
+            "HOME": [f'<a href="{home}">all trees</a>' if home else ""],
             "TREE": [svg_text(self.tree, badges=True)],
             "DATA": texts,
             "POLICY": [policy(live=live)],
@@ -614,11 +623,19 @@ def _template() -> str:
 @cache
 def policy(*, live: bool = False) -> str:
     """Return the Content-Security-Policy."""
-    found = [b64encode(sha256(one.encode()).digest()).decode() for one in _STYLE_AND_SCRIPT.findall(_template())]
-    style, script = (f"'sha256-{one}'" for one in found)
-    fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
     asking = "; connect-src 'self'" if live else ""
-    return f"{fixed}; style-src {style}; script-src {script}{asking}"
+    return f"{style_policy(_template())}; script-src {_hashes(_template())[1]}{asking}"
+
+
+def style_policy(template: str) -> str:
+    """Return the Content-Security-Policy of a page with a style sheet and without scripts."""
+    fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
+    return f"{fixed}; style-src {_hashes(template)[0]}"
+
+
+def _hashes(template: str) -> list[str]:
+    found = _STYLE_AND_SCRIPT.findall(template)
+    return [f"'sha256-{b64encode(sha256(one.encode()).digest()).decode()}'" for one in found]
 
 
 def _pieces(value: Any) -> Iterator[str]:

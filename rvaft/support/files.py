@@ -304,14 +304,16 @@ def replacement(target: Path, *, fixed_name: bool = False) -> Iterator[BinaryIO]
         raise
 
 
-def place(folder: Path, files: Mapping[str, str | None], *, force: bool = False) -> None:
-    """Write texts into a folder, which is created if absent; a file with None must not exist.
+def place(folder: Path, files: Mapping[str, str | bytes | None], *, force: bool = False) -> None:
+    """Write texts or bytes into a folder, which is created if absent; a file with None must not exist.
 
     Unchanged files are not touched. Raises `OSError`, with all changes undone, if a file differs or
     must not exist (`force` replaces or removes it), or the folder cannot be written to. Only a
     crash between two renames can leave a partial result.
     """
-    data = {folder / name: None if text is None else os.fsencode(text) for name, text in files.items()}
+    data = {
+        folder / name: os.fsencode(content) if isinstance(content, str) else content for name, content in files.items()
+    }
     with ExitStack() as unmake:
         if _made(folder):
             unmake.callback(folder.rmdir)

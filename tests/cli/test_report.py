@@ -23,7 +23,7 @@ from rvaft.stream.monitor_set import MonitorSet, columns
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from tests.cli.pages import Shown, page
-from tests.cli.runs import FULL, LOGS, PRUNED, SAND, TREES, UNBOUND, run, soon, written
+from tests.cli.runs import FULL, LOGS, PRUNED, SAND, TREES, UNBOUND, failed, run, soon, written
 
 ROW3: Final = LOGS / "table2_row3.jsonl"
 NASTY: Final = (
@@ -77,6 +77,47 @@ def test_a_page_has_what_happened(tmp_path: Path) -> None:
     ]
     assert waited == [["ev3"] * 2, ["ev4"] * 2, ["ev6"] * 2, ["ev9"], []]
     assert data["told"]["held"][1:] == ["warning: no event of type result"]
+
+
+def test_several_trees_have_a_page_each_and_one_that_lists_them(tmp_path: Path) -> None:
+    """Each page is that of the tree alone, but for its link to the list."""
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+    first = written(tmp_path / "one" / "top tree.rvaft", 'top sand a b label "Both";\n')
+    second = written(tmp_path / "two" / "top tree.rvaft", "top sand b a;\n")
+    log = written(tmp_path / "log.jsonl", "".join(f'{{"event": "{one}"}}\n' for one in "aab"))
+    folder = tmp_path / "pages"
+    ways = ("--semantics", "scattered", "--repeat")
+    for _ in range(2):  # also where pages are
+        done = run("report", first, second, *ways, "-o", folder, "--", log)
+        assert (done.exit_code, done.output) == (1, ""), done.output
+    assert sorted(one.name for one in folder.iterdir()) == ["index.html", "top_tree-2.html", "top_tree.html"]
+    for name, tree, status in (("top_tree", first, 1), ("top_tree-2", second, 0)):
+        data = page(folder / f"{name}.html")
+        alone = reported(tmp_path, tree, log, *ways, status=status)
+        assert {**data, "token": ""} == {**alone, "token": ""}
+        assert '<a href="index.html">all trees</a>' in (folder / f"{name}.html").read_text()
+    rows = re.findall("<tr.*?</tr>", (folder / "index.html").read_text())[1:]
+    cells = [re.findall("<td.*?>(.*?)</td>", row) for row in rows]
+    assert cells == [
+        [f'<a href="top_tree.html">{first}</a>', "Both", "1", f"event 3 of {log}"],
+        [f'<a href="top_tree-2.html">{second}</a>', "top", "0", ""],
+    ]
+    failed(run("report", first, second, "--", log), "several trees have a page each", "-o")
+    failed(run("report", first, second, "--branch", 1, "-o", folder, "--", log), "--branch is for one tree")
+    failed(run("report", first, second, "-o", tmp_path / "none" / "here", "--", log), "is not a folder")
+
+
+def test_a_tree_that_becomes_too_large_leaves_the_pages_of_others(tmp_path: Path) -> None:
+    large = "semantics scattered; event e(x) = { event: x }; top sand x y; x on e(X); y on e(Y) when Y > X;"
+    trees = written(tmp_path / "large.rvaft", large), SAND
+    log = written(tmp_path / "log.jsonl", "".join(f'{{"event": "{one}"}}\n' for one in "dabc"))
+    done = run("report", *trees, "--semantics", "scattered", "--max-configurations", 1, "-o", tmp_path, "--", log)
+    assert done.exit_code == 2
+    assert "the tree is" in done.stderr
+    assert page(tmp_path / "sand.html")["watches"][0][2:] == [4, [["⊤", 4, 1]]]
+    assert page(tmp_path / "large.html")["watches"][0][2] < 4
+    assert "limit 1" in (tmp_path / "index.html").read_text()
 
 
 def test_events_that_concern_nothing_have_no_place_whether_they_are_read_quickly_or_not(tmp_path: Path) -> None:

@@ -137,6 +137,38 @@ def test_the_page_grows_with_its_log(tmp_path: Path) -> None:
         assert (status, said[-1]) == (1, f"rvaft: the page at {url} is closed")
 
 
+def test_several_trees_have_a_page_each(tmp_path: Path) -> None:
+    trees = [written(tmp_path / "one.rvaft", TREE), written(tmp_path / "two.rvaft", "top sand b a;\n")]
+    log = written(tmp_path / "log.jsonl", line("a"))
+    with started("view", *trees, *WAYS, "--follow", "--", log) as running:
+        url = running.stdout.readline().split()[-1]
+        cursor = fetched(f"{url}one/")["cursor"]
+        add(log, line("b"))
+        assert soon(lambda: fetched(f"{url}one/")["watches"] == [[0, None, 2, [["?", None, 1]], False]])
+        assert news(f"{url}one/", cursor)["places"]["number"] == [2]
+        assert fetched(f"{url}two/")["watches"] == [[0, None, 2, [["?", None, 0]], False]]
+        with urlopen(url, timeout=20) as answer:
+            assert f'<a href="one/">{trees[0]}</a></td><td>top</td><td class="number">1</td>' in answer.read().decode()
+        for target in (b"/events", b"/three/", b"/one", b"/one/two/", b"/two/../"):
+            assert raw(url, b"GET %s HTTP/1.1\r\nHost: localhost\r\n\r\n" % target).startswith(b"HTTP/1.1 404 ")
+        assert ended(running)[0] == 1
+
+
+def test_the_pages_of_several_trees_over_a_finished_log(browser: Any, tmp_path: Path) -> None:
+    trees = [written(tmp_path / "one.rvaft", TREE), written(tmp_path / "two.rvaft", "top sand b a;\n")]
+    log = written(tmp_path / "log.jsonl", line("a") + line("b"))
+    with started("view", *trees, *WAYS, "--", log) as running:
+        url = running.stdout.readline().split()[-1]
+        shown = Shown(browser, url)
+        assert shown.text("tr.found td:last-child") == f"event 2 of {log}"
+        browser.find_element("link text", str(trees[0])).click()
+        assert shown.nodes("lit") == ["top", "a", "b"]
+        browser.find_element("link text", "all trees").click()
+        assert shown.text("h1") == "2 trees"
+        assert [one for one in browser.get_log("browser") if one["level"] == "SEVERE"] == []
+        assert ended(running)[0] == 1
+
+
 def test_a_log_that_cannot_be_read_on_stays_on_the_page(tmp_path: Path) -> None:
     with viewing(tmp_path) as (running, url, log):
         add(log, "nonsense\n", line("b"))

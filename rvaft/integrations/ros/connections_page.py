@@ -10,7 +10,7 @@ from collections.abc import Collection
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Final
 
-from rvaft.integrations.live_page import BROWSERS, PERIOD, cursor_of, headers, message, refusal, resource_kind
+from rvaft.integrations.live_page import BROWSERS, PERIOD, cursor_of, headers, message, refusal, resource_of
 from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
 from rvaft.reports.log_report import SHOWN, LogReport, Messages
@@ -77,7 +77,8 @@ class ConnectionsPage:
         self, connection: "ServerConnection", request: "Request", origins: Collection[str], stop: asyncio.Event
     ) -> "Response":
         """Answer a plain HTTP request."""
-        kind, status, more = resource_kind(request.path, live=True), HTTPStatus.OK, ""
+        found = resource_of(request.path, live=True)
+        kind, status, more = None if found is None else found.kind, HTTPStatus.OK, ""
         if not own(request.headers.get_all("Host"), origins):
             status = HTTPStatus.FORBIDDEN
         elif getattr(request, "method", "GET") != "GET":  # websockets before 16 accepts GET only
@@ -87,16 +88,16 @@ class ConnectionsPage:
         elif kind == "events" and self._asking >= BROWSERS:
             status = HTTPStatus.SERVICE_UNAVAILABLE
         response = connection.respond(status, "" if status is HTTPStatus.OK else refusal(status, more))
-        found = dict(headers(kind if status is HTTPStatus.OK else None, live=True))
+        fields = dict(headers(kind if status is HTTPStatus.OK else None, live=True))
         if status is HTTPStatus.OK:
             page = kind == "page"
             response.body = (
                 self.report.page(self.name, self.messages, live=True) if page else await self._news(request, stop)
             )
-            found["Content-Length"] = str(len(response.body))
+            fields["Content-Length"] = str(len(response.body))
         if status is HTTPStatus.METHOD_NOT_ALLOWED:
-            found["Allow"] = "GET"
-        for name, value in found.items():
+            fields["Allow"] = "GET"
+        for name, value in fields.items():
             if name in response.headers:
                 del response.headers[name]
             response.headers[name] = value

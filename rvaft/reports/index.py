@@ -1,0 +1,79 @@
+"""The page that lists the pages of several trees, with the number of detections of each."""
+
+import re
+from collections.abc import Iterable, Sequence
+from functools import cache
+from html import escape
+from importlib.resources import files
+from pathlib import PurePath
+from typing import Final, NamedTuple
+
+from rvaft.reports.log_report import style_policy
+from rvaft.support.terminal import visible
+
+INDEX: Final = "index"
+"""The name of this page, which no other page has."""
+_REFRESH: Final = '<meta http-equiv="refresh" content="2">\n'
+
+
+class Row(NamedTuple):
+    """A tree: the address of its page, what is detected, and how often until when."""
+
+    name: str
+    address: str
+    label: str
+    detections: int
+    last: str
+
+
+def page_names(trees: Iterable[str]) -> tuple[str, ...]:
+    """Return a different name for the page of each tree, which an address may contain.
+
+    >>> page_names(["a/frost.rvaft", "b/frost.rvaft", "c/heat wave.rvaft"])
+    ('frost', 'frost-2', 'heat_wave')
+    """
+    found: dict[str, None] = {INDEX: None}
+    for tree in trees:
+        name = first = re.sub(r"[^A-Za-z0-9_-]", "_", PurePath(tree).stem) or "_"
+        number = 1
+        while name in found:
+            number += 1
+            name = f"{first}-{number}"
+        found[name] = None
+    return tuple(found)[1:]
+
+
+def index_page(rows: Sequence[Row], told: Sequence[str], *, live: bool = False) -> bytes:
+    """Return the page as one file, with the messages of the run; a `live` page loads itself again."""
+    lines = "".join(f"<li>{escape(visible(line))}</li>\n" for line in told)
+    parts = {
+        "TITLE": f"{len(rows)} trees",
+        "POLICY": index_policy(),
+        "REFRESH": _REFRESH if live else "",
+        "ROWS": "\n".join(map(_row, rows)),
+        "TOLD": f"<section><h2>Messages</h2><ul>\n{lines}</ul></section>\n" if told else "",
+    }
+    before, *rest = _template().split("{{")
+    pieces = [before]
+    for piece in rest:
+        word, after = piece.split("}}", 1)
+        pieces += parts[word], after
+    return "".join(pieces).encode(errors="replace")
+
+
+@cache
+def index_policy() -> str:
+    """Return the Content-Security-Policy."""
+    return style_policy(_template())
+
+
+def _row(row: Row) -> str:
+    name, label, last = (escape(visible(text)) for text in (row.name, row.label, row.last))
+    found = ' class="found"' if row.detections else ""
+    link = f'<a href="{escape(row.address)}">{name}</a>'
+    return f'<tr{found}><td>{link}</td><td>{label}</td><td class="number">{row.detections}</td><td>{last}</td></tr>'
+
+
+@cache
+def _template() -> str:
+    return files("rvaft.reports").joinpath("index.html").read_text(encoding="utf-8")

@@ -1,6 +1,7 @@
 """Monitoring of live events: as an asynchronous loop, or by a function that other code calls."""
 
 from collections.abc import AsyncIterable, AsyncIterator, Callable, Coroutine, Iterable
+from datetime import datetime
 from inspect import iscoroutinefunction
 from typing import Final, TypedDict, TypeVar, Unpack
 
@@ -62,9 +63,9 @@ def watch(
 
 def on_detection(
     tree: RVAFT | Monitor, callback: Callable[[Explanation | None], object], **options: Unpack[MonitorOptions]
-) -> Callable[[Json], Verdict]:
+) -> "Subscriber":
     """Return a function that reads an event, returns the verdict, and calls `callback` on a
-    detection.
+    detection. Its method `pass_time` does so for a time that has come without an event.
 
     It suits code that delivers events by calls, such as a ROS subscriber. Options and errors are
     those of `watch`. Exceptions of the callback propagate to the caller. After a detection there is
@@ -83,17 +84,32 @@ def on_detection(
     if iscoroutinefunction(callback):
         raise WrongType("callback", callback, _AWAITED)
 
-    def step(event: Json) -> Verdict:
-        before = watching.detections
-        verdict = watching.step(event)
-        if watching.detections > before:
-            result = callback(watching.explanation)
+    return Subscriber(watching, callback)
+
+
+class Subscriber:
+    """A monitor that code calls with events, and that calls other code on a detection."""
+
+    def __init__(self, watching: Monitor, callback: Callable[[Explanation | None], object]) -> None:
+        self._watching, self._callback = watching, callback
+
+    def __call__(self, event: Json) -> Verdict:
+        """Read an event and return the verdict."""
+        before = self._watching.detections
+        return self._tell(before, self._watching.step(event))
+
+    def pass_time(self, time: Json | datetime) -> Verdict:
+        """Tell the monitor that a time has come, as `Monitor.pass_time` does, and return the verdict."""
+        before = self._watching.detections
+        return self._tell(before, self._watching.pass_time(time))
+
+    def _tell(self, before: int, verdict: Verdict) -> Verdict:
+        if self._watching.detections > before:
+            result = self._callback(self._watching.explanation)
             if isinstance(result, Coroutine):
                 result.close()  # avoids a later warning of Python
-                raise WrongType("callback", callback, _AWAITED)
+                raise WrongType("callback", self._callback, _AWAITED)
         return verdict
-
-    return step
 
 
 def _watching(tree: RVAFT | Monitor, options: MonitorOptions) -> Monitor:

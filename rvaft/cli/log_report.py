@@ -8,10 +8,10 @@ import click
 
 from rvaft.api import narrowed
 from rvaft.cli import FAILED, log_options, options, warn
-from rvaft.cli.monitor import ONE_BRANCH, TracesGiven, limit_option, plan_of, require_companions, stream_options
+from rvaft.cli.monitor import TracesGiven, limit_option, plan_of, require_companions, stream_options
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held, read_afresh
 from rvaft.cli.monitor_run import run
-from rvaft.cli.trees import TreesCommand, about, loaded, trees_given
+from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.model.nodes import Kind
 from rvaft.reports.index import INDEX, Row, index_page, page_names
 from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Messages
@@ -69,6 +69,7 @@ _OPTIONS: Final = (
     click.argument("logs", nargs=-1, required=True, metavar="LOG..."),
     options.choice("--per", words=Per, default=Per.TREE, text="Also monitor each branch or each kind."),
     options.repeat_options,
+    options.complete_option,
     stream_options,
     log_options.log_format,
     log_options.strict_json,
@@ -107,6 +108,9 @@ class PageRequest:
         many = len(wholes) > 1
         options.refuse(many and branch is not None, ONE_BRANCH)
         self._traces = TracesGiven(logs, given["log_format"], live=follow)
+        clock = given.get("clock")
+        options.refuse(clock is not None and not follow, "--clock needs events that arrive: --follow")
+        options.require_times(clock, wholes.values())
         if follow:
             self._traces.require_growing("--follow", "LOG")
         most = given["max_events"] or (SHOWN if follow else PLACES)
@@ -131,6 +135,8 @@ class PageRequest:
                     hooks=Hooks(),
                     checkpoints=None,
                     follow=follow,
+                    clock=given.get("clock"),
+                    complete=given["complete"],
                     unchosen=given["semantics"] is None and whole.semantics is None,
                     others=(report,),
                     many=many,
@@ -148,11 +154,7 @@ class PageRequest:
 
     def index(self, lines: Sequence[str], *, live: bool = False) -> bytes:
         """Return the page that lists the trees."""
-        rows = []
-        for one in self.settings:
-            report, root = self.reports[one.name], one.tree.nodes[one.tree.root]
-            address = f"{self.pages[one.name]}{self._ending}"
-            rows.append(Row(one.name, address, root.label or root.name, report.detections, report.last_detection))
+        rows = [Row(one, f"{self.pages[one]}{self._ending}", *self.reports[one].detects) for one in self.reports]
         return index_page(rows, lines, live=live)
 
     def run(self, make: Callable[[MonitorSettings, Sink], Reporter]) -> int:

@@ -14,7 +14,7 @@ from rvaft.cli import FAILED, Failures, log_options, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
-from rvaft.cli.trees import TreesCommand, about, loaded, trees_given
+from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.engine.monitor import Engine
 from rvaft.errors import NotExpressible, TooLarge, ToolMissing
 from rvaft.export.formats import PICTURES
@@ -87,7 +87,6 @@ _OF_ONE_TREE: Final = {
     "foxglove": "a server or file shows one",
 }
 """Options that cannot serve several trees, each with the reason."""
-ONE_BRANCH: Final = "--branch is for one tree: each tree numbers its own branches"
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
 _ORDER: Final = "Sort events by this field, a number or an ISO 8601 time."
@@ -186,6 +185,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
                 warn(AFRESH.format(what="nothing was detected"))
             return FAILED if traces.missing.met else status
     _check_traces(given, traces, engine)
+    options.require_times(given["clock"], wholes.values())
     if engine is None and native_run is not None and (given["form"] == "text" or given["detections"]):
         engine = native_run.engine(plans[0])
     checkpoints = _checkpoints(given, traces.sources, plans)

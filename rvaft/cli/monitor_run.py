@@ -463,7 +463,7 @@ class _Run(Listener):
         if clock is not None and monotonic() - self._told >= clock / 1e9:
             self._told = monotonic()
             for run in runs:
-                if id(run) not in self._failed:
+                if id(run) not in self._failed and run.plan.monitors.time is not None:
                     run.pass_time(datetime.now(tz=UTC))
             self.sink.flush()
 

@@ -218,10 +218,19 @@ def repeat_options(function: F) -> F:
     return repeat(click.option("--cooldown", metavar="DURATION", callback=_duration, help=_COOLDOWN)(function))
 
 
+clock_option: Final = click.option("--clock", metavar="DURATION", callback=_duration, help=_CLOCK)
+complete_option: Final = click.option("--complete", is_flag=True, help=_COMPLETE)
+
+
+def require_times(clock: int | None, trees: Iterable[RVAFT]) -> None:
+    """Refuse a clock if no tree reads times."""
+    timeless = clock is not None and all(tree.time is None for tree in trees)
+    refuse(timeless, "--clock needs the time of events: add `time FIELD as FORMAT;` to the tree")
+
+
 def deadline_options(function: F) -> F:
     """Add `--clock DURATION` and `--complete`, for `without ... after`."""
-    complete = click.option("--complete", is_flag=True, help=_COMPLETE)
-    return complete(click.option("--clock", metavar="DURATION", callback=_duration, help=_CLOCK)(function))
+    return complete_option(clock_option(function))
 
 
 def refuse(wrong: object, why: str) -> None:

@@ -15,6 +15,7 @@ from rvaft.language.parser import NoTree
 from rvaft.model.tree import RVAFT
 from rvaft.readers.log import scheme
 
+ONE_BRANCH: Final = "--branch is for one tree: each tree numbers its own branches"
 _BEFORE: Final = "before"
 """The key of the number of arguments before `--` in the context."""
 
@@ -61,16 +62,21 @@ def trees_given(tree: str, words: Sequence[str]) -> tuple[dict[str, str], tuple[
     options.refuse(late, f"{late} stands after --, where only logs are expected: put options before it")
     given_word = context.params.get("word") is not None
     options.refuse(others and not logs and not given_word, "no log after --: name one, or - for standard input")
+    return tree_files((tree, *others)), tuple(logs)
+
+
+def tree_files(names: Sequence[str]) -> dict[str, str]:
+    """Return the trees of these names and in these folders, with their folder or ""."""
     files: dict[str, str] = {}
     places: dict[str, str] = {}
-    for given in (tree, *others):
+    for given in names:
         folder = given if Path(given).is_dir() else ""
         for file in _in_folder(given) if folder else [given]:
             same = places.setdefault(os.path.realpath(file), file)
             twice = f"the tree {file} is given twice{'' if same == file else f', also as {same}'}"
             options.refuse(same != file or file in files, twice)
             files[file] = folder
-    return files, tuple(logs)
+    return files
 
 
 def _seems_tree(name: str) -> bool:

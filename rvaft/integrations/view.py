@@ -105,6 +105,7 @@ class LivePageReporter(PageReporter):
 @page_options
 @options.number("--max-events", text=_LATEST)
 @click.option("--follow", is_flag=True, help="Keep reading as the log grows, and update the page.")
+@options.clock_option
 @click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Listen at this address.")
 @click.option("--origin", multiple=True, metavar="URL", help="An allowed origin for browsers; repeatable.")
 @options.number(

@@ -122,10 +122,7 @@ class LogReport(Listener):
         """Places with the results of missing events computed later."""
         self._unplaced = self._unchanged = 0
         self._first_unplaced = self._first_unchanged = ""
-        self.detections = 0
-        """The number of detections of the tree, also those that are no longer on the page."""
-        self.last_detection = ""
-        """The trace, key and event of the last one."""
+        self._detections, self._last_detection = 0, ""
         self._dropped = self._undetected = self._unwatched = 0
         """The numbers of dropped places, detections and ended watches."""
         self._before: dict[int, _Seen] = {}
@@ -167,9 +164,9 @@ class LogReport(Listener):
     def change(self, change: VerdictChange) -> None:
         """Note a change of verdicts."""
         if 0 in change.detected:
-            self.detections += 1
+            self._detections += 1
             key = "".join(f"{_text(value)}, " for value in change.watch.key or ())
-            self.last_detection = f"{key}{self._place(change.watch, change.number)}"
+            self._last_detection = f"{key}{change.passed or self._place(change.watch, change.number)}"
         if self.grows:
             self._make_room_where_full()
         elif len(self._changes) >= CHANGES:
@@ -199,6 +196,12 @@ class LogReport(Listener):
     def stop(self, watch: MonitoredTrace) -> None:
         """Note that a log cannot be read further."""
         self.end(watch)
+
+    @property
+    def detects(self) -> tuple[str, int, str]:
+        """What is detected, how often so far, and where last (key, event and trace)."""
+        root = self.tree.nodes[self.tree.root]
+        return root.label or root.name, self._detections, self._last_detection
 
     @property
     def left_out(self) -> list[str]:
@@ -535,6 +538,8 @@ class LogReport(Listener):
                 self._detection([titles[one] for one in some], how, change) for some, how in unlike(change.explanations)
             ],
         }
+        if change.passed:
+            found["passed"] = visible(change.passed)
         if 0 in change.columns and 0 not in change.detected and (ended := monitors.ended(0)) is not None:
             found["ended"] = [self._record(one) for one in ended.pending[:RECORDS]]
         return found
@@ -547,7 +552,9 @@ class LogReport(Listener):
                 known = ["", -1, None] if event is None else self._known(event)
                 matched.append([self.number.get(node, -1), number, *known])
         kept = how.scenario.items()
+        absent = {"absent": [visible(one.text) for one in how.absences]} if how.absences else {}
         return {
+            **absent,
             "titles": self._same(titles),
             "branch": how.branch,
             "kinds": self._same(sorted(kind.value for kind in how.kinds)),

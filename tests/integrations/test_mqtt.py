@@ -241,6 +241,20 @@ def test_the_command_monitors_until_it_is_asked_to_end(broker: Broker, tmp_path:
     assert ran[0]["events"]["1"]["topic"] == "doors/n"
 
 
+@broker_needed
+def test_a_silent_sender_is_found_by_the_clock(broker: Broker, tmp_path: Path) -> None:
+    text = "semantics scattered; time time as ns; event e(x) = { e: x }; lost on e(X) without e(X) for 200 ms after;"
+    (tree := tmp_path / "tree.rvaft").write_text(text, encoding="utf-8")
+    words = ["--clock", "100 ms", "--format", "jsonl", "--detections"]
+    with started("monitor", tree, f"{broker.url}/doors/#", *words) as running:
+        running.stderr.readline()
+        broker.send(("doors/1", {"e": 7}))
+        found = json.loads(running.stdout.readline())
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(20) == 1
+    assert (found["event"], found["variables"], found["passed"][:5]) == (1, {"X": 7}, "time ")
+
+
 @pytest.mark.ci
 @broker_needed
 def test_a_page_shows_messages_as_they_come(broker: Broker) -> None:

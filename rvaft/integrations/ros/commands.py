@@ -11,12 +11,14 @@ import click
 
 from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import log_options, options, warn
+from rvaft.cli.trees import ONE_BRANCH, about, loaded, tree_files
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.integrations.ros import configuration as ros
-from rvaft.integrations.ros.connections_page import ConnectionsPage
+from rvaft.integrations.ros.connections_page import ConnectionsPage, ConnectionsPages
 from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from rvaft.integrations.ros.server import CONNECTIONS, PORT, Server
 from rvaft.model.nodes import Kind
+from rvaft.model.tree import RVAFT
 from rvaft.stream.monitor_set import Per
 from rvaft.support import output as standard
 from rvaft.support.files import place
@@ -107,13 +109,15 @@ _MEBIBYTE: Final = 1024 * 1024
 
 
 @click.command("serve")
-@options.tree_argument
+@click.argument("trees", nargs=-1, required=True, metavar="TREE...")
+@options.reading_options
 @click.option("--host", default=LOCAL, show_default=True, metavar="HOST", help="Listen at this address.")
 @options.number("--port", least=0, most=65535, default=PORT, metavar="INTEGER RANGE", text="0 is any free port.")
 @click.option("--origin", multiple=True, metavar="URL", help="Accept web pages from this origin; repeatable.")
 @click.option("--shared", is_flag=True, help="One monitor for all connections instead of one for each.")
 @options.choice("--message-time", "time", words=ros.MessageTime, text=_TIME)
 @options.repeat_options
+@options.clock_option
 @options.semantics_option
 @options.part_options
 @options.choice("--per", words=Per, text="Also send a verdict for each branch or kind.", default=Per.TREE)
@@ -133,7 +137,7 @@ _MEBIBYTE: Final = 1024 * 1024
 )
 def serve_command(
     *,
-    tree: str,
+    trees: tuple[str, ...],
     branch: int | None,
     kind: Kind | None,
     time: ros.MessageTime | None,
@@ -145,20 +149,23 @@ def serve_command(
     """Answer ROSMonitoring monitors over WebSocket: each message is an event, each reply adds a
     verdict.
 
-    Runs until it is interrupted or terminated; the exit status is then 0, also after a detection.
+    Of several trees, or all trees of a folder, a reply has what each of them says, and one verdict. Runs until it is
+    interrupted or terminated; the exit status is then 0, also after a detection.
     """
     require_host(how["host"])
     origins = tuple(map(origin, how["origin"]))
-    loaded = options.load_tree(tree)
-    options.refuse(
-        time is None and ros.needs_conversion(loaded),
-        f"the tree reads `time` as {loaded.time and loaded.time.format}, and ROSMonitoring writes seconds: give "
-        "--message-time seconds to convert them, or --message-time declared if clients send what the tree declares",
-    )
-    part = narrowed(ros.in_seconds(loaded) if time is ros.MessageTime.SECONDS else loaded, branch, kind)
+    wholes = loaded(tree_files(trees))
+    many = len(wholes) > 1
+    options.refuse(many and branch is not None, ONE_BRANCH)
     words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive", "strict_json")}
-    speaking = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
-    first = Session(part, how["semantics"], per=per, repeat=how["repeat"], cooldown=how["cooldown"])
+    protocols, first = dict[str, Protocol](), dict[str, Session]()
+    for file, whole in wholes.items():
+        name = click.format_filename(file)
+        with about(file, many=many):
+            part = _part_of(whole, time, branch, kind)
+            protocols[name] = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
+            first[name] = Session(part, how["semantics"], per=per, repeat=how["repeat"], cooldown=how["cooldown"])
+    options.require_times(how["clock"], wholes.values())
 
     standard.unblock()
 
@@ -171,10 +178,22 @@ def serve_command(
         for sign in (signal.SIGINT, signal.SIGTERM):
             asyncio.get_running_loop().add_signal_handler(sign, stop.set)
         listening = lambda url: click.echo(visible(f"listening at {url}"))  # noqa: E731
-        fresh = (lambda: first) if shared else first.fork
-        page = ConnectionsPage(click.format_filename(tree), part, first, shared=shared)
+        fresh = (lambda: first) if shared else (lambda: {name: session.fork() for name, session in first.items()})
+        pages = [ConnectionsPage(name, protocols[name].tree, first[name], shared=shared) for name in first]
         where = how["host"], how["port"], origins, how["max_connections"]
-        await Server(speaking, fresh, say, *where, page).serve(stop, listening)
+        alone = first if shared else None
+        server = Server(protocols, fresh, say, *where, ConnectionsPages(pages), how["clock"], alone)
+        await server.serve(stop, listening)
 
     asyncio.run(until_stopped())
     return 0
+
+
+def _part_of(whole: RVAFT, time: ros.MessageTime | None, branch: int | None, kind: Kind | None) -> RVAFT:
+    """Return the part of a tree to monitor, which reads the times of messages."""
+    options.refuse(
+        time is None and ros.needs_conversion(whole),
+        f"the tree reads `time` as {whole.time and whole.time.format}, and ROSMonitoring writes seconds: give "
+        "--message-time seconds to convert them, or --message-time declared if clients send what the tree declares",
+    )
+    return narrowed(ros.in_seconds(whole) if time is ros.MessageTime.SECONDS else whole, branch, kind)

@@ -1,4 +1,4 @@
-"""The page of `rvaft serve` for browsers: the page of `rvaft report` with connections as logs.
+"""The pages of `rvaft serve` for browsers: the page of `rvaft report` with connections as logs, for each tree.
 
 The WebSocket library sends each HTTP answer as a whole, so the event stream is a sequence of
 answers: each has the changes, and the browser asks for the next.
@@ -6,13 +6,23 @@ answers: each has the changes, and the browser asks for the next.
 
 import asyncio
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Collection, Mapping, Sequence
 from http import HTTPStatus
 from typing import TYPE_CHECKING, Final
 
-from rvaft.integrations.live_page import BROWSERS, PERIOD, cursor_of, headers, message, refusal, resource_of
+from rvaft.integrations.live_page import (
+    BROWSERS,
+    PERIOD,
+    Resource,
+    cursor_of,
+    headers,
+    message,
+    refusal,
+    resource_of,
+)
 from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
+from rvaft.reports.index import Row, index_page, page_names
 from rvaft.reports.log_report import SHOWN, LogReport, Messages
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import Key
@@ -48,7 +58,7 @@ class ConnectionsPage:
         plan = MonitoringPlan(session.looked_at, None if shared else Key.parse([UNIT]))
         self.report = LogReport(tree, plan, most=SHOWN, grows=True, unit=UNIT)
         self._lines: deque[str] = deque(maxlen=_LINES)
-        self._earlier = self._asking = 0
+        self._earlier = 0
         if shared:
             session.notify(self.report, "all connections")
 
@@ -73,11 +83,48 @@ class ConnectionsPage:
         earlier = [f"{counted(self._earlier, 'line')} before these are no longer on this page"] if self._earlier else []
         return {"said": [], "held": [*(f"warning: {one}" for one in self.report.left_out), *earlier, *self._lines]}
 
+    def text(self, home: str = "") -> bytes:
+        """Return the page; `home` is the address of the page of all trees."""
+        return self.report.page(self.name, self.messages, live=True, home=home)
+
+
+class ConnectionsPages:
+    """The page of the tree, or those of several trees with one that lists them."""
+
+    def __init__(self, pages: Sequence[ConnectionsPage]) -> None:
+        self._pages = dict(zip(page_names(one.name for one in pages), pages, strict=True))
+        self._names = tuple(self._pages) if len(pages) > 1 else ()
+        self._asking = 0
+
+    def opened(self, number: int, peer: str, sessions: Mapping[str, Session]) -> None:
+        """Register an opened connection."""
+        for page, session in zip(self._pages.values(), sessions.values(), strict=True):
+            page.opened(number, peer, session)
+
+    def closed(self, sessions: Mapping[str, Session]) -> None:
+        """Note that a connection was closed."""
+        for page, session in zip(self._pages.values(), sessions.values(), strict=True):
+            page.closed(session)
+
+    def say(self, line: str) -> None:
+        """Add a message of the server."""
+        for page in self._pages.values():
+            page.say(line)
+
+    def _text(self, found: Resource) -> bytes:
+        if found.kind == "index":
+            rows = [Row(page.name, f"{name}/", *page.report.detects) for name, page in self._pages.items()]
+            return index_page(rows, next(iter(self._pages.values())).messages["held"], live=True)
+        return self._page(found).text("../" if self._names else "")
+
+    def _page(self, found: Resource) -> ConnectionsPage:
+        return self._pages[found.page] if self._names else next(iter(self._pages.values()))
+
     async def answer(
         self, connection: "ServerConnection", request: "Request", origins: Collection[str], stop: asyncio.Event
     ) -> "Response":
         """Answer a plain HTTP request."""
-        found = resource_of(request.path, live=True)
+        found = resource_of(request.path, live=True, pages=self._names)
         kind, status, more = None if found is None else found.kind, HTTPStatus.OK, ""
         if not own(request.headers.get_all("Host"), origins):
             status = HTTPStatus.FORBIDDEN
@@ -89,11 +136,9 @@ class ConnectionsPage:
             status = HTTPStatus.SERVICE_UNAVAILABLE
         response = connection.respond(status, "" if status is HTTPStatus.OK else refusal(status, more))
         fields = dict(headers(kind if status is HTTPStatus.OK else None, live=True))
-        if status is HTTPStatus.OK:
-            page = kind == "page"
-            response.body = (
-                self.report.page(self.name, self.messages, live=True) if page else await self._news(request, stop)
-            )
+        if status is HTTPStatus.OK and found is not None:
+            stream = found.kind == "events"
+            response.body = await self._news(request, self._page(found), stop) if stream else self._text(found)
             fields["Content-Length"] = str(len(response.body))
         if status is HTTPStatus.METHOD_NOT_ALLOWED:
             fields["Allow"] = "GET"
@@ -103,13 +148,13 @@ class ConnectionsPage:
             response.headers[name] = value
         return response
 
-    async def _news(self, request: "Request", stop: asyncio.Event) -> bytes:
+    async def _news(self, request: "Request", page: ConnectionsPage, stop: asyncio.Event) -> bytes:
         last = request.headers.get_all("Last-Event-ID")
         cursor = cursor_of(request.path, last[0] if last else None)
         self._asking += 1
         try:
             for _ in range(int(_WAIT / PERIOD)):
-                new = self.report.since(cursor, self.name, self.messages)
+                new = page.report.since(cursor, page.name, page.messages)
                 if new[1] or stop.is_set():
                     return _AGAIN + message(new) if new[1] else _AGAIN
                 await asyncio.sleep(PERIOD)

@@ -13,7 +13,9 @@ import re
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import KW_ONLY, dataclass
+from datetime import datetime
 from enum import StrEnum
+from operator import methodcaller
 from typing import Any, Final, Self
 
 from rvaft.api import monitor, resolve_semantics
@@ -23,7 +25,7 @@ from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import DEFAULT_LIMIT
+from rvaft.monitors import DEFAULT_LIMIT, Explanation
 from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
 from rvaft.stream.data_warnings import DataWarnings, checked
@@ -88,6 +90,8 @@ class Session:
         parts = columns(tree, per)
         self.monitors = {column.label: MonitorSet([column], make, meaning, **repeating) for column in parts}
         self.failures: dict[str, str] = {}
+        self.untold: Explanation | None = None
+        """A detection by the time, which the next reply tells."""
         self.fields = identifying_fields(tree)
         self.buffer = EventBuffer()
         self.listener: Listener | None = None
@@ -144,6 +148,29 @@ class Session:
             elif whole.concerned and any(monitors.live for monitors in self.monitors.values()):
                 self.listener.event(self.watch, self.events, event)
 
+    def pass_time(self, time: Json | datetime) -> None:
+        """Tell the monitors of a tree that reads times that a time has come, which may detect without an event."""
+        if self.monitors[_WHOLE].time is None:
+            return
+        self.begin_again()
+        changed: list[int] = []
+        for column, (label, monitors) in enumerate(self.monitors.items()):
+            if label not in self.failures:
+                changed += [column] * len(monitors.told(methodcaller("pass_time", time), self.events))
+        if _WHOLE in map([*self.monitors].__getitem__, changed):
+            self.untold = self.explanation
+        if self.listener is not None and changed and _WHOLE not in self.failures:
+            self.watch.events, self.watch.monitors = self.events, self.looked_at
+            self.listener.change(VerdictChange(self.watch, self.events, {}, changed, passed=f"time {time}"))
+
+    @property
+    def explanation(self) -> Explanation | None:
+        """The explanation of a detection of the whole tree, which is remembered with the count."""
+        found = None if _WHOLE in self.failures else self.monitors[_WHOLE].explanation(0)
+        if found is not None:
+            self.count.explanation = found
+        return found
+
     def begin_again(self) -> None:
         """Restart the monitors that have detected."""
         for monitors in self.monitors.values():
@@ -190,6 +217,11 @@ class Protocol:
 
     def reply(self, message: str | bytes, session: Session) -> dict[str, Json]:
         """Return the reply to a message; only a valid event changes the session."""
+        event, found, _ = self.answer(message, session)
+        return {**event, **found}
+
+    def answer(self, message: str | bytes, session: Session) -> tuple[dict[str, Json], dict[str, Json], Verdict | None]:
+        """Return the event of a message, what the reply adds, and the verdict, None of a monitor that failed."""
         event: dict[str, Json] = {}
         found: dict[str, Json] = {}
         try:
@@ -200,13 +232,18 @@ class Protocol:
             session.read(self._as_spelled(event), event)
             if _WHOLE in session.failures:
                 found = {"error": session.failures[_WHOLE]}
-            elif (explanation := session.monitors[_WHOLE].explanation(0)) is not None:
+            elif (explanation := session.explanation or session.untold) is not None:
                 known = session.buffer.events(matched_events([explanation]))
                 count = session.count.fields if session.repeat else {}
                 found = {**count, **explained(explanation, self.tree, known, session.fields)}
-        verdict, *parts = [(label, self._word(session.verdict(label), session)) for label in session.monitors]
+        verdict = session.verdict()
+        if event and session.untold is not None:
+            verdict, session.untold = Verdict.TRUE, None
+        verdicts = {**{label: session.verdict(label) for label in session.monitors}, _WHOLE: verdict}
+        parts = {label: self.word(one, going_on=session.repeat) for label, one in verdicts.items()}
+        found["verdict"] = parts.pop(_WHOLE)
         session.begin_again()
-        return {**event, **found, "verdict": verdict[1], **({"verdicts": dict(parts)} if parts else {})}
+        return event, {**found, "verdicts": {**parts}} if parts else found, verdict
 
     def _event(self, line: bytes) -> dict[str, Json]:
         if len(line) > self.longest:
@@ -215,10 +252,11 @@ class Protocol:
             raise ValueError("a byte order mark before the event; send the event alone")
         return decode(line, reads=self._reads, strict=self.strict_json, passed_on=True)
 
-    def _word(self, verdict: Verdict | None, session: Session) -> str | bool:
+    def word(self, verdict: Verdict | None, *, going_on: bool) -> str | bool:
+        """Return the word for a verdict; one that is not `going_on` after a detection is definitive."""
         if verdict is None:
             return "unknown"  # neither a violation nor definitive
-        if verdict is Verdict.TRUE and session.repeat:
+        if verdict is Verdict.TRUE and going_on:
             return _GOING_ON[self.polarity]
         holds = verdict is Verdict.FALSE and self.polarity is Polarity.PROPERTY
         word = _WORDS[self.polarity][Verdict.UNKNOWN if holds and not self.definitive else verdict]
@@ -239,3 +277,33 @@ class Protocol:
                 if other in known:
                     renamed[field] = other
         return marked({**event, **renamed}, self._reads) if renamed else event
+
+
+def reply_of_all(
+    protocols: Mapping[str, Protocol], message: str | bytes, sessions: Mapping[str, Session]
+) -> dict[str, Json]:
+    """Return the reply to a message for trees by name: of several, with what each says in `trees`.
+
+    The verdict of several is a detection if a tree detects, which is definitive once no other can; a
+    monitor that failed leaves it unknown, unless another detects.
+
+    >>> import rvaft
+    >>> trees = {name: rvaft.loads(f"top and {name}; {name};") for name in "ab"}
+    >>> protocols, sessions = ({name: of(tree) for name, tree in trees.items()} for of in (Protocol, Session))
+    >>> found = reply_of_all(protocols, '{"event": "a"}', sessions)
+    >>> found["verdict"], {name: told["verdict"] for name, told in found["trees"].items()}
+    ('currently_false', {'a': False, 'b': 'currently_true'})
+    """
+    if len(protocols) == 1:
+        [(name, protocol)] = protocols.items()
+        return protocol.reply(message, sessions[name])
+    answers = {name: protocol.answer(message, sessions[name]) for name, protocol in protocols.items()}
+    verdicts = [verdict for _, _, verdict in answers.values()]
+    event = next(event for event, _, _ in answers.values())
+    trees: dict[str, Json] = {name: found for name, (_, found, _) in answers.items()}
+    going_on = any(session.repeat for session in sessions.values()) or Verdict.UNKNOWN in verdicts
+    joint = next((one for one in (Verdict.TRUE, None, Verdict.UNKNOWN) if one in verdicts), Verdict.FALSE)
+    word = next(iter(protocols.values())).word(joint, going_on=going_on)
+    errors = {found.get("error") for _, found, _ in answers.values()}
+    wrong: dict[str, Json] = {"error": errors.pop()} if not event and len(errors) == 1 and None not in errors else {}
+    return {**event, **wrong, "trees": trees, "verdict": word}

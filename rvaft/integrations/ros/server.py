@@ -8,16 +8,17 @@ import json
 import logging
 import resource
 import socket
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from http import HTTPStatus
 from itertools import count
 from typing import TYPE_CHECKING, Any, Final
 
 from rvaft.errors import installed
-from rvaft.integrations.ros.connections_page import ConnectionsPage
-from rvaft.integrations.ros.protocol import Protocol, Session
+from rvaft.integrations.ros.connections_page import ConnectionsPages
+from rvaft.integrations.ros.protocol import Protocol, Session, reply_of_all
 from rvaft.model.verdict import Verdict
 from rvaft.stream.detection import counted
 from rvaft.support.network import LOCAL, allowed, unavailable
@@ -56,31 +57,34 @@ _LIBRARY.propagate = False
 
 @dataclass(eq=False)
 class Server:
-    """Answers the messages of all connections; `fresh` returns the session of a new connection.
+    """Answers the messages of all connections; `fresh` returns the sessions of a new connection, by tree.
 
     `say` receives reports on connections, refused messages and detections. Port 0 is any free port.
-    `origins` are allowed in addition to programs. Browsers get the `page`, if there is one.
+    `origins` are allowed in addition to programs. Browsers get the `pages`, if there are some. With a
+    `clock`, in nanoseconds, sessions are told the time so often, also `shared` ones without a connection.
     """
 
-    protocol: Protocol
-    fresh: Callable[[], Session]
+    protocols: Mapping[str, Protocol]
+    fresh: Callable[[], Mapping[str, Session]]
     say: Callable[[str], object]
     host: str = LOCAL
     port: int = PORT
     origins: Collection[str] = ()
     connections: int = CONNECTIONS
-    page: ConnectionsPage | None = None
+    pages: ConnectionsPages | None = None
+    clock: int | None = None
+    shared: Mapping[str, Session] | None = None
 
     def __post_init__(self) -> None:
         self._stop = asyncio.Event()
-        self.present: set[ServerConnection] = set()
+        self.present: dict[ServerConnection, tuple[str, Mapping[str, Session]]] = {}
         self._full = False
         self._numbers = count(1)
 
     def _tell(self, line: str) -> None:
         self.say(line)
-        if self.page is not None:
-            self.page.say(line)
+        if self.pages is not None:
+            self.pages.say(line)
 
     async def admit(self, connection: "ServerConnection", request: "Request") -> "Response | None":
         """Refuse a connection of a foreign origin or without room; answer plain requests with the
@@ -88,8 +92,8 @@ class Server:
         """
         hosts = request.headers.get_all("Host")
         plain = not any("websocket" in one.lower() for one in request.headers.get_all("Upgrade"))
-        if plain and self.page is not None and not request.headers.get_all("Origin"):
-            return await self.page.answer(connection, request, self.origins, self._stop)
+        if plain and self.pages is not None and not request.headers.get_all("Origin"):
+            return await self.pages.answer(connection, request, self.origins, self._stop)
         if len(self.present) >= self.connections:
             why = f"there are {len(self.present)}, the most that --max-connections allows"
             status, answer = HTTPStatus.SERVICE_UNAVAILABLE, "too many connections; try again later"
@@ -106,38 +110,30 @@ class Server:
         peer = connection.transport.get_extra_info("socket")
         if peer is not None:  # detect clients whose machine is gone
             peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        session = self.fresh()
-        self.present.add(connection)
+        sessions = self.fresh()
+        first = next(iter(sessions.values()))
         self._full = False
         number = next(self._numbers)
         name = f"connection {number}"
+        self.present[connection] = name, sessions
         self._tell(f"{name} from {_peer(connection)} opened")
-        if self.page is not None:
-            self.page.opened(number, _peer(connection), session)
+        if self.pages is not None:
+            self.pages.opened(number, _peer(connection), sessions)
         read = refused = 0
         try:
             async for message in connection:
-                events, detected, verdict = session.events, session.count.notified, session.verdict()
-                doubts, failures = len(session.data_warnings.found), len(session.failures)
-                reply = self.protocol.reply(message, session)
-                if session.events == events:
+                events = first.events
+                news = {f"{name}: {tree}": _News(session) for tree, session in self._labelled(sessions)}
+                reply = reply_of_all(self.protocols, message, sessions)
+                if first.events == events:
                     refused += 1
                     if refused <= _MAX_REPORTED:
                         more = "; further ones are not reported" if refused == _MAX_REPORTED else ""
                         self._tell(f"{name}: message refused: {reply['error']}{more}")
-                elif session.count.notified > detected:
-                    branch = [] if reply.get("branch") is None else [f"branch {reply['branch']}"]
-                    how = ", ".join([*branch, *reply.get("kinds", [])])
-                    which = f" (detection {session.count.notified})" if session.repeat else ""
-                    self._tell(f"{name}: detected at event {session.events}{f': {how}' if how else ''}{which}")
-                elif session.verdict() is Verdict.FALSE is not verdict:
-                    why = f"under {session.semantics} no detection is possible after event {session.events}"
-                    self._tell(f"{name}: {why}; consecutive and scattered continue (--semantics)")
-                for label, failure in list(session.failures.items())[failures:]:
-                    self._tell(f"{name}: the monitor of {label} failed after event {session.events}: {failure}")
-                for line in list(session.data_warnings.lines)[doubts:]:
-                    self._tell(f"{name}: {line}")
-                read += session.events - events
+                for label, one in news.items() if first.events > events else ():
+                    for line in one.lines(f"event {first.events}"):
+                        self._tell(f"{label}{line}")
+                read += first.events - events
                 await self._send(connection, name, json.dumps(reply))
         except _library("exceptions").ConnectionClosed:
             pass
@@ -145,11 +141,29 @@ class Server:
             _LOG.error("rvaft: error: a defect in rvaft ended a connection: %s: %s", type(error).__name__, error)
             raise
         finally:
-            self.present.discard(connection)
-            doubtful = "".join(f"; {line}" for line in session.data_warnings.lines)
-            if self.page is not None:
-                self.page.closed(session)
-            self._tell(f"{name} closed after {counted(read)}{doubtful}")
+            self.present.pop(connection, None)
+            found = dict.fromkeys(line for session in sessions.values() for line in session.data_warnings.lines)
+            if self.pages is not None:
+                self.pages.closed(sessions)
+            self._tell(f"{name} closed after {counted(read)}{''.join(f'; {line}' for line in found)}")
+
+    def _labelled(self, sessions: Mapping[str, Session]) -> Iterator[tuple[str, Session]]:
+        """Yield the sessions, each with the start of lines about it, which names the tree of several."""
+        for tree, session in sessions.items():
+            yield f"{tree}: " if len(sessions) > 1 else "", session
+
+    async def _tell_time(self, period: int) -> None:
+        """Tell the sessions the time, until the server stops."""
+        while True:
+            await asyncio.sleep(period / 1e9)
+            now = datetime.now(tz=UTC)
+            told = [("all connections", self.shared)] if self.shared is not None else [*self.present.values()]
+            for name, sessions in told:
+                for label, session in self._labelled(sessions):
+                    news = _News(session)
+                    session.pass_time(now)
+                    for line in news.lines(f"time {now.isoformat()}"):
+                        self._tell(f"{name}: {label}{line}")
 
     async def _send(self, connection: "ServerConnection", name: str, reply: str) -> None:
         """Send a reply, or disconnect a client that does not read its replies."""
@@ -202,7 +216,7 @@ class Server:
                 ping_interval=None,  # the ROSMonitoring client answers pings only while it waits for a reply
                 open_timeout=_HANDSHAKE,
                 close_timeout=_PATIENCE,
-                max_size=self.protocol.longest * _OVERSIZE,
+                max_size=max(one.longest for one in self.protocols.values()) * _OVERSIZE,
                 max_queue=_QUEUE,
                 logger=_LIBRARY,
                 backlog=_ACCEPTED,
@@ -215,9 +229,37 @@ class Server:
                 with listened.dup() as same:
                     same.listen(_BACKLOG)
             listening(f"ws://{host}:{listener.sockets[0].getsockname()[1]}")
+            telling = None if self.clock is None else asyncio.create_task(self._tell_time(self.clock))
             await stop.wait()
+            if telling is not None:
+                telling.cancel()
             for connection in self.present:  # a client that reads no replies does not read the close frame either
                 loop.call_later(2 * _PATIENCE, connection.transport.abort)
+
+
+class _News:
+    """What a session finds from now on, as lines."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._known = session.count.notified, session.verdict(), len(session.data_warnings.found), len(session.failures)
+
+    def lines(self, where: str) -> Iterator[str]:
+        """Yield the lines; `where` is the event or the time."""
+        session = self._session
+        detected, verdict, doubts, failures = self._known
+        if session.count.notified > detected:
+            how = session.count.explanation
+            branch = [] if how is None or how.branch is None else [f"branch {how.branch}"]
+            said = ", ".join([*branch, *sorted(kind.value for kind in (() if how is None else how.kinds))])
+            which = f" (detection {session.count.notified})" if session.repeat else ""
+            yield f"detected at {where}{f': {said}' if said else ''}{which}"
+        elif session.verdict() is Verdict.FALSE is not verdict:
+            why = f"under {session.semantics} no detection is possible after {where}"
+            yield f"{why}; consecutive and scattered continue (--semantics)"
+        for label, failure in list(session.failures.items())[failures:]:
+            yield f"the monitor of {label} failed after {where}: {failure}"
+        yield from list(session.data_warnings.lines)[doubts:]
 
 
 def _library(part: str) -> Any:

@@ -4,15 +4,15 @@ import asyncio
 import json
 import subprocess
 import sys
-from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager, contextmanager
 from functools import wraps
 from typing import Any, Final
 
 import pytest
 
-from rvaft import loads
-from rvaft.integrations.ros.connections_page import ConnectionsPage
+from rvaft import RVAFT, loads
+from rvaft.integrations.ros.connections_page import ConnectionsPage, ConnectionsPages
 from rvaft.integrations.ros.protocol import Protocol, Session
 from rvaft.integrations.ros.server import Server
 from rvaft.model.values import Json
@@ -43,18 +43,31 @@ def live(scenario: Callable[..., Coroutine[Any, Any, None]]) -> Callable[..., No
 async def served(
     fresh: Callable[[], Session] | None = None,
     *,
+    tree: RVAFT = SEQUENCE,
     origins: Sequence[str] = (),
     longest: int = 1024 * 1024,
     page: ConnectionsPage | None = None,
+    clock: int | None = None,
+    shared: Mapping[str, Session] | None = None,
 ) -> AsyncIterator[str]:
     """The URL of a server, which is stopped at the end and has then let go of everything; each
     connection has a `fresh` session.
     """
     stop = asyncio.Event()
     url: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    speaking, make = Protocol(SEQUENCE, longest=longest), fresh or Session(SEQUENCE).fork
+    speaking, make = {"tree": Protocol(tree, longest=longest)}, fresh or Session(tree).fork
+    pages = None if page is None else ConnectionsPages([page])
     async with asyncio.TaskGroup() as group:
-        server = Server(speaking, make, lambda _: None, port=0, origins=origins, page=page)
+        server = Server(
+            speaking,
+            lambda: {"tree": make()},
+            lambda _: None,
+            port=0,
+            origins=origins,
+            pages=pages,
+            clock=clock,
+            shared=shared,
+        )
         group.create_task(server.serve(stop, url.set_result))
         try:
             yield await url

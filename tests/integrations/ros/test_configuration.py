@@ -115,7 +115,7 @@ def test_the_configuration_the_specifications_and_the_commands(
             semantics,
         )
         assert asked["repeat"] is ("--repeat" in options)
-        assert load(asked["tree"]) == TREE
+        assert [load(one) for one in asked["trees"]] == [TREE]
     assert {path.name for path in tmp_path.iterdir()} == files
 
 

@@ -42,6 +42,8 @@ class StandIn:
         self.kinds: dict[str, type] = {}
         self.published: list[str] = []
         self.warned: list[str] = []
+        self.timers: list[Callable[[], None]] = []
+        self.now = STAMP
 
     def declare_parameter(self, name: str, value: str) -> SimpleNamespace:
         return SimpleNamespace(value=str(self.tree))
@@ -52,8 +54,11 @@ class StandIn:
     def create_subscription(self, kind: type, topic: str, callback: Callable[[Any], None], depth: int) -> None:
         self.callbacks[topic], self.kinds[topic] = callback, kind
 
+    def create_timer(self, period: float, callback: Callable[[], None]) -> None:
+        self.timers.append(callback)
+
     def get_clock(self) -> SimpleNamespace:
-        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=STAMP))
+        return SimpleNamespace(now=lambda: SimpleNamespace(nanoseconds=self.now))
 
     def get_logger(self) -> SimpleNamespace:
         return SimpleNamespace(warning=self.warned.append)
@@ -118,12 +123,13 @@ def test_the_values_of_a_message_are_json() -> None:
         rvaft.message_event({"data": 1}, "/scan", 7)
 
 
-def test_the_node_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def node_of_the_page(text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """The node for a tree with the topics of the recording."""
     page = (ROOT / "docs" / "how-to" / "ros.md").read_text(encoding="utf-8").split("## A node of your own")[1]
     found = re.search(r"```py\n(.*?)```", page, re.DOTALL)
     assert found is not None
     tree = tmp_path / "mission.rvaft"
-    tree.write_text(MISSION.read_text(encoding="utf-8") + TOPICS, encoding="utf-8")
+    tree.write_text(text + TOPICS, encoding="utf-8")
     spun: list[Any] = []
     monkeypatch.setattr(StandIn, "tree", tree, raising=False)
     kinds = {name: type(name, (), {}) for name in BY_TOPIC.values()}
@@ -144,6 +150,31 @@ def test_the_node_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     names["main"]()
     (node,) = spun
     assert node.kinds == {topic: kinds[name] for topic, name in BY_TOPIC.items()}
+    return node
+
+
+def test_a_silent_topic_is_found_by_the_clock_of_ros(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The deadline counts from the time of arrival, and no further message comes."""
+    topic = next(iter(BY_TOPIC))
+    text = (
+        f'semantics scattered; time time as ns; event beat() = {{ topic: "{topic}" }};'
+        "lost fault on beat() without beat() for 2 s after;"
+    )
+    node = node_of_the_page(text, tmp_path, monkeypatch)
+    (timer,) = node.timers
+    timer()
+    node.callbacks[topic](next(message for message, _, name in messages() if name == topic))
+    for seconds, published in ((1, 0), (2, 0), (2.5, 1), (3, 1)):
+        node.now = STAMP + int(seconds * 10**9)
+        timer()
+        assert len(node.published) == published, seconds
+    assert node.published == ['{"branch": 1, "kinds": ["fault"], "matched": {"lost": [1]}}']
+
+
+def test_the_node_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    node = node_of_the_page(MISSION.read_text(encoding="utf-8"), tmp_path, monkeypatch)
+    assert node.timers == []
+    tree = tmp_path / "mission.rvaft"
     for message, _, topic in messages():
         node.callbacks[topic](message)
     assert len(node.published) == 1

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
 from rvaft.core.classifier import TreeReads
-from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
+from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary, reply_of_all
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import decode
 from rvaft.stream.monitor_set import Per
@@ -53,6 +53,57 @@ def test_a_conversation(row: list[Any]) -> None:
         reply = speaking.reply(json.dumps(sent) if isinstance(sent, dict) else sent, to)
         told = reply if isinstance(wanted, dict) else reply["verdict"]
         assert json.dumps(told, sort_keys=True) == json.dumps(wanted, sort_keys=True)  # true is not 1
+
+
+JOINT: Final = [
+    ("??", "currently_true"),
+    ("T?", "currently_false"),
+    ("TT", False),
+    ("TF", False),
+    ("?F", "currently_true"),
+    ("FF", "currently_true"),
+    ("T!", False),
+    ("!?", "unknown"),
+    ("!!", "unknown"),
+]
+"""What each of two trees says (! for a monitor that failed), and what is said of both."""
+
+
+@pytest.mark.parametrize(("each", "word"), JOINT)
+def test_several_trees_have_one_verdict_and_each_its_own(each: str, word: object) -> None:
+    """A tree is detected with the first event, or can no longer be, or neither."""
+    texts = {"T": "top and a; a;", "?": "semantics scattered; top and a b; a; b;", "F": "top sand b a; b; a;"}
+    trees = {f"{number}": loads(texts[one.replace("!", "?")]) for number, one in enumerate(each)}
+    protocols = {name: Protocol(tree) for name, tree in trees.items()}
+    sessions = {name: Session(tree) for name, tree in trees.items()}
+    for name, one in zip(sessions, each, strict=True):
+        if one == "!":
+            sessions[name].failures["tree"] = "too large"
+    reply: Any = reply_of_all(protocols, '{"event": "a", "x": 1}', sessions)
+    assert (reply["event"], reply["x"], reply["verdict"]) == ("a", 1, word)
+    assert [reply["trees"][name].get("error") for name in trees] == [
+        "too large" if one == "!" else None for one in each
+    ]
+    alone = [Protocol(trees[name]).reply('{"event": "a"}', Session(trees[name])) for name in trees]
+    for name, one, own in zip(trees, each, alone, strict=True):
+        assert one == "!" or {"event": "a", **reply["trees"][name]} == own
+    wrong: Any = reply_of_all(protocols, "[]", sessions)
+    assert "error" in wrong
+    assert sessions["0"].events == 1
+
+
+def test_what_the_time_detects_is_told_by_the_next_reply() -> None:
+    """Once, also if the monitor has begun again."""
+    tree = loads("semantics scattered; time t as s; event e(x) = { e: x }; lost on e(X) without e(X) for 2 s after;")
+    for repeat, words in ((False, [False, False]), (True, ["currently_false", "currently_true"])):
+        speaking, to = Protocol(tree), Session(tree, repeat=repeat)
+        answers(speaking, to, '{"e": 7, "t": 0}')
+        for time, detections in ((2, 0), (2.5, 1), (3, 1)):
+            to.pass_time(time)
+            assert to.count.notified == detections
+        first, second = answers(speaking, to, '{"t": 3}', '{"t": 3.5}')
+        assert [first["verdict"], second["verdict"]] == words
+        assert (first["variables"], first["absent"][0]["before"]) == ({"X": 7}, None)
 
 
 def test_a_fork_remembers_for_itself_when_and_where_events_came() -> None:

@@ -11,7 +11,8 @@ import socket
 import sys
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
+from time import time
 from typing import Any, Final
 from urllib.parse import urlsplit
 
@@ -246,6 +247,58 @@ async def test_the_page_has_what_each_connection_did(
             assert "data: " not in empty
         later = await told(url, f"/events?after={data['cursor']}")
         assert "closed after" in later
+
+
+@pytest.mark.parametrize("shared", [False, True])
+@live
+async def test_what_did_not_happen_is_found_while_no_message_comes(shared: bool) -> None:
+    """It is on the page; with one session for all, also when the robot has gone."""
+    tree = loads("semantics scattered; time t as s; event e(x) = { e: x }; lost on e(X) without e(X) for 1 s after;")
+    first = Session(tree)
+    page = ConnectionsPage("tree", tree, first, shared=shared)
+    fresh, alone = ((lambda: first), {"tree": first}) if shared else (first.fork, None)
+    async with served(fresh, tree=tree, page=page, clock=50_000_000, shared=alone) as url:
+        async with connected(url) as robot:
+            (reply,) = await asked(robot, {"e": 1, "t": time()})
+            assert reply["verdict"] == "currently_true"
+            if not shared:
+                await asyncio.sleep(1.5)
+                (reply,) = await asked(robot, {})
+                assert (reply["verdict"], reply["variables"]) == (False, {"X": 1})
+        await asyncio.sleep(1.5 if shared else 0)
+        data = json.loads((await told(url, "/events?after=x")).partition("data: ")[2])
+    (change,) = data["changes"]
+    assert change["passed"].startswith("time ")
+    assert change["detections"][0]["absent"] == ["no e(X) for 1 s after event 1"]
+    assert any("detected at time " in line for line in data["told"]["held"])
+
+
+@live
+async def test_each_of_several_trees_is_told_and_has_a_page(tmp_path: Path) -> None:
+    (tmp_path / "trees").mkdir()
+    for name, text in {"ab": "top sand a b; a attack; b fault;", "ba": "top sand b a;"}.items():
+        written(tmp_path / "trees" / f"{name}.rvaft", f"semantics scattered; {text}")
+    with serving(tmp_path / "trees", cwd=tmp_path) as (running, url):
+        async with connected(url) as connection:
+            *_, last = await asked(connection, A, B)
+            assert last["verdict"] == "currently_false"
+            assert {PurePath(name).name: one["verdict"] for name, one in last["trees"].items()} == {
+                "ab.rvaft": False,
+                "ba.rvaft": "currently_true",
+            }
+            index = await told(url, "/")
+            assert re.findall('<a href="(.*?)">.*?class="number">(.*?)</td>', index) == [("ab/", "1"), ("ba/", "0")]
+            for page, symbol in (("ab", "⊤"), ("ba", "?")):
+                assert "all trees" in await told(url, f"/{page}/")
+                data = json.loads((await told(url, f"/{page}/events?after=x")).partition("data: ")[2])
+                assert [row[3][0][0] for row in data["watches"]] == [symbol]
+            assert (await told(url, "/events")).startswith("HTTP/1.1 404 ")
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(20) == 0
+        assert running.stderr is not None
+        assert f"{tmp_path / 'trees' / 'ab.rvaft'}: detected at event 2: branch 1" in running.stderr.read()
+    failed(run("serve", tmp_path / "trees", "--branch", 1), "--branch is for one tree")
+    failed(run("serve", tmp_path / "trees", "--clock", "1s"), "--clock needs the time of events")
 
 
 # -- who is let in -----------------------------------------------------------------------------------------------------

@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-.PHONY: converters demo paper docs pictures playground proofs verified test bare check lint types layers slow attack lock bench clean
+.PHONY: converters demo paper docs pictures playground proofs verified test bare check lint sizes types layers slow attack lock bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -103,7 +103,10 @@ bare: $(STAMP)
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/python -m pytest -q tests/house
+
+# How many lines and words each part has; a report, on which nothing depends.
+sizes: $(STAMP)
+	@$(BIN)/python -m tests.house
 
 types: $(STAMP)
 	$(BIN)/mypy rvaft backends cross_check papers/languages papers/multipath tests

@@ -1,11 +1,8 @@
-"""Write the bars anew where a number has fallen: `python -m tests.house`. A bar is never raised here."""
+"""Print the sizes of the house: `make sizes`. They are a report, and nothing depends on them."""
 
-import json
+from tests.house.numbers import measured, sizes
 
-from tests.house.numbers import TABLE, bars, measured
-
-old = bars()
-new = {name: min(value, old.get(name, value)) for name, value in measured().items()}
-TABLE.write_text(json.dumps(new, indent=2) + "\n", encoding="utf-8")
-for name, value in new.items():
-    print(f"{value:8,}  {name}" + (f" (was {old[name]:,})" if old.get(name, value) != value else ""))
+for name, (lines, code, words) in sizes().items():
+    print(f"{lines:8,} lines {code:8,} of code {words:8,} words  {name}")
+for name, value in measured().items():
+    print(f"{value:8,}  {name}")

@@ -2,7 +2,6 @@
 
 import ast
 import io
-import json
 import re
 import tokenize
 from collections import Counter
@@ -13,7 +12,6 @@ from typing import Final
 import networkx
 
 ROOT: Final = Path(__file__).parent.parent.parent
-TABLE: Final = Path(__file__).with_name("numbers.json")
 PRODUCT: Final = ("rvaft", "backends", "cross_check")
 SMALL: Final = 60
 BLANK: Final = (tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER)
@@ -95,7 +93,26 @@ def measured() -> dict[str, int]:
     }
 
 
-def bars() -> dict[str, int]:
-    """The numbers that none may exceed."""
-    found: dict[str, int] = json.loads(TABLE.read_text(encoding="utf-8")) if TABLE.exists() else {}
-    return found
+def sizes() -> dict[str, tuple[int, int, int]]:
+    """The lines, the lines of code alone, and the words of docstrings and comments, of each part of the product."""
+    found: dict[str, tuple[int, int, int]] = {}
+    for path in modules(*PRODUCT).values():
+        text = path.read_text(encoding="utf-8")
+        own = len(text.splitlines()), code_lines(text, ast.parse(text)), words(text)
+        parents = path.relative_to(ROOT).parts[:-1]
+        for part in (".".join(parents[:2] if parents[0] == "rvaft" else parents[:1]), "product"):
+            before = found.get(part, (0, 0, 0))
+            found[part] = (before[0] + own[0], before[1] + own[1], before[2] + own[2])
+    return dict(sorted(found.items()))
+
+
+def words(text: str) -> int:
+    """How many words the comments and docstrings of a module have."""
+    documented = [
+        node.value.value
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+    ]
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    comments = [token.string for token in tokens if token.type == tokenize.COMMENT]
+    return sum(len(one.split()) for one in (*documented, *comments))

@@ -70,6 +70,10 @@ class Conditions:
         """Return when a guard is true; raises `Unsayable` and `TooLarge`."""
         return spelled(self._conditions.of(guard), self._spelled, lambda every, parts: (either, both)[every](*parts))
 
+    def known(self, name: str) -> Ways:
+        """Return that a time is defined."""
+        return ((self._is(Variable(name), Sort.TIME),),)
+
     def _spelled(self, test: ConditionTest) -> Ways:
         match test:
             case TruthTest(term, wanted) if isinstance(term, Variable) or self._is_argument(term):

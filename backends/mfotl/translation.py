@@ -6,11 +6,13 @@ match is the last relevant one before the next.
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import chain, count
 from typing import Final
 
+from backends.absences import without_vacuous
 from backends.event_columns import FittingEvent, ValueColumn, time_variables
+from backends.mfotl.absences import Absence, Atom, clause_of, conjoined, exists, timed_absences, without
 from backends.mfotl.conditions import Conditions, Ways, both
 from backends.mfotl.monpoly import Column, MfotlHeader
 from backends.orders import Orders
@@ -19,6 +21,7 @@ from rvaft.core.conditions import Unsayable
 from rvaft.core.patterns import Overlaps, overlaps
 from rvaft.core.property import Event, Property
 from rvaft.core.scenarios import Scenario, direct
+from rvaft.core.times import untimed
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, variables
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
@@ -52,10 +55,15 @@ class MfotlFormula:
     """
 
     def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
+        time = prop.tree.time
+        self._lateness = 0 if time is None else time.late or 0
+        prop, self._deciding = timed_absences(without_vacuous(prop, semantics))
         self._semantics, self._limit, self._size = semantics, limit, 0
-        self._orders = Orders(prop, limit=limit, grouped=False, minimal=semantics is Semantics.SCATTERED)
+        minimal = semantics is Semantics.SCATTERED and not prop.absences  # an absent event may be one that is used
+        self._orders = Orders(prop, limit=limit, grouped=False, minimal=minimal)
         self._header = MfotlHeader(time=prop.time)
-        self._times = time_variables(prop)
+        absent = {name for one in prop.absences if (name := untimed(one.pattern)[1]) is not None}
+        self._times = time_variables(prop) | absent | {*self._deciding.values()}
         self._names: dict[Guard, str] = {}
         self._predicates: dict[tuple[FittingEvent, tuple[Column, ...]], str] = {}
         self._taken = {*_RESERVED}
@@ -85,9 +93,10 @@ class MfotlFormula:
         later = Counter(one for before in scenario.before for one in bits(before))
         order = sorted(range(len(scenario.events)), key=lambda one: -later[one])
         events = [scenario.events[one] for one in order]
-        rank = {one: number for number, one in enumerate(order)}
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in events}
-        conditions, ways = Conditions(self._times, bound.values(), self._column), list[Ways]()
+        absences = Absence.all(scenario, self._deciding, self._lateness)
+        others = [names for one in absences for names in (one.bound, one.deciding)]
+        conditions, ways = Conditions(self._times, [*bound.values(), *others], self._column), list[Ways]()
 
         def several(node: str, guard: Guard) -> NotExpressible | None:
             try:
@@ -100,24 +109,52 @@ class MfotlFormula:
         own = self._orders.assigned_guards(scenario, bound, several)
         if own is None:
             return
-        uses = Counter(chain(*bound.values()))
+        ways += [conditions.known(name) for one in absences for name in one.times]
+        tests = [one.tests(conditions) for one in absences]
+        uses = Counter(chain(*bound.values(), *(one.tied for one in absences)))
         tied = {(Variable(name), "text") for name in uses if uses[name] > 1 and name not in self._times}
         places = {name: f"i{number}" for number, name in enumerate(events, 1)}
         arguments = sorted(tied | conditions.columns, key=self._column)
-        columns = {
-            name: tuple(one for one in arguments if bound[name].issuperset(variables(one[0]))) for name in events
-        }
-        atoms = [self._atom(name, tuple(own[name]), columns[name], places[name]) for name in events]
-        bound_names = [*map(self._column, arguments), *places.values()]
+
+        def atom(node: str, event: FittingEvent, names: frozenset[str], place: str) -> Atom:
+            columns = tuple(one for one in arguments if names.issuperset(variables(one[0])))
+            return Atom(self._atom(node, event, columns, place), (*map(self._column, columns), place))
+
+        matched = [
+            atom(name.source.node, FittingEvent(name.pattern, tuple(own[name])), bound[name], places[name])
+            for name in events
+        ]
+        atoms = [one.text for one in matched]
+        of_match = {name for one in matched for name in one.names}
+        bound_names = [name for name in [*map(self._column, arguments), *places.values()] if name in of_match]
+        clauses = [
+            clause_of(one, its, (f"q{n}", f"d{n}"), scenario=scenario, places=places, bound=of_match, atom=atom)
+            for n, (one, its) in enumerate(zip(absences, tests, strict=True), 1)
+        ]
         if self._semantics.projects:
             places_of = {name: number for number, name in enumerate(events)}
-            letters = {name: (name, scenario.conditions) for name in events}
+            letters = {name: (name, scenario.conditions, scenario.absences) for name in events}
             for word in self._orders.words(scenario, letters):
-                numbers = [places_of[name] for name, _ in word]
+                numbers = [places_of[name] for name, *_ in word]
                 for way in both(*ways):
                     self._spend(len(word) + len(way))
-                    yield self._chain([atoms[number] for number in numbers], way, bound_names)
+                    chained = self._chain([atoms[number] for number in numbers], way, bound_names)
+                    if clauses:
+                        yield from without(f"(ONCE {chained})", bound_names, clauses, self._spend)
+                    else:
+                        yield f"ONCE ({exists(bound_names, chained)})"
             return
+        orders = self._orders_of(scenario, events, places)
+        for way in both(*ways):
+            self._spend(len(events) + sum(map(len, orders)) + len(way))
+            once = [f"(ONCE {one})" for one in atoms]
+            yield from without(_conjunction(once, orders, way, bound_names), bound_names, clauses, self._spend)
+
+    def _orders_of(self, scenario: Scenario, events: Sequence[Event], places: Mapping[Event, str]) -> list[list[str]]:
+        """Return the comparisons of each event's position with those of the events before it in `events`."""
+        later = Counter(one for before in scenario.before for one in bits(before))
+        order = [scenario.events.index(event) for event in events]
+        rank = {one: number for number, one in enumerate(order)}
         orders: list[list[str]] = []
         alike = Overlaps([event.pattern for event in events])
         for number, (one, name) in enumerate(zip(order, events, strict=True)):
@@ -129,9 +166,7 @@ class MfotlFormula:
                 ordered = scenario.before[one] >> order[other] & 1
                 if not ordered and overlaps(name.pattern, events[other].pattern):
                     orders[-1].append(f"NOT ({places[events[other]]} = {places[name]})")
-        for way in both(*ways):
-            self._spend(len(events) + sum(map(len, orders)) + len(way))
-            yield _conjunction([f"(ONCE {atom})" for atom in atoms], orders, way, bound_names)
+        return orders
 
     def _spend(self, size: int) -> None:
         self._size += size
@@ -148,12 +183,12 @@ class MfotlFormula:
         def joined(before: str, atom: str) -> str:
             return f"({atom} AND (PREVIOUS ((NOT {counts}) SINCE {before})))"
 
-        return f"ONCE ({_conjunction(atoms, orders, way, bound, joined)})"
+        return _conjunction(atoms, orders, way, bound, joined)
 
-    def _atom(self, event: Event, guards: tuple[Guard, ...], columns: tuple[Column, ...], place: str) -> str:
-        known = FittingEvent(event.pattern, guards), columns
+    def _atom(self, node: str, event: FittingEvent, columns: tuple[Column, ...], place: str) -> str:
+        known = event, columns
         if known not in self._predicates:
-            self._predicates[known] = name = self._fresh(event.source.node)
+            self._predicates[known] = name = self._fresh(node)
             self._header.fitting[name] = [known[0]]
             self._header.values[name] = {self._column(one): ValueColumn(one[1], one[0]) for one in columns}
         return f"{self._predicates[known]}({', '.join([*map(self._column, columns), place])})"
@@ -192,5 +227,5 @@ def _conjunction(
         ready = [one for one in waiting if known.issuperset(arguments.intersection(_WORD.findall(one)))]
         waiting = [one for one in waiting if one not in ready]
         for condition in (*order, *ready):
-            formula = f"({formula} AND {condition if condition.startswith('NOT') else f'({condition})'})"
-    return f"EXISTS {', '.join(bound)}. {formula}"
+            formula = conjoined(formula, [condition])
+    return formula

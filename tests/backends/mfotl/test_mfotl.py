@@ -4,6 +4,7 @@ verified kernel where `MONPOLY` names the program.
 
 import os
 import stat
+from contextlib import suppress
 from pathlib import Path
 from random import Random
 
@@ -14,11 +15,14 @@ from backends.mfotl.monpoly import MfotlHeader, first_detections
 from cross_check import comparison
 from cross_check.results import Job, Status
 from cross_check.traces import ONE_TREE
-from rvaft import RVAFT, Semantics, ToolFailed, ToolMissing, load, loads
+from rvaft import RVAFT, RvaftError, Semantics, ToolFailed, ToolMissing, load, loads
 from rvaft.backend import backend
+from rvaft.model.assumptions import first_violation
 from rvaft.model.values import Json
+from rvaft.rules.validity import require_valid
 from tests.backends.judged import all_show, cases, first
 from tests.cli.runs import failed, run
+from tests.engine.dense import CHOOSING, Dense, dense_trace, dense_tree
 from tests.tables import rows
 
 PROGRAM = Path(os.environ.get("MONPOLY", "/nowhere"))
@@ -189,3 +193,65 @@ def test_planted_faults_show_under_each_semantics(semantics: str) -> None:
 def test_the_shipped_gates_are_compared(tree: Path, semantics: Semantics) -> None:
     found = compared(load(tree), PROGRAM, semantics)
     assert found["mfotl-monpoly"] is found["mfotl-verimon"] is Status.TESTED
+
+
+ABSENT = {
+    "events": Dense(absences=0.4, nodes=5, sharing=0.3, guards=0, gates=CHOOSING),
+    "values": Dense(absences=0.5, nodes=4, variables=0.6, guards=0.2),
+    "times": Dense(absences=0.6, nodes=4, variables=0.4, windows=0.2, points=0.1),
+}
+
+
+@pytest.mark.published
+@published
+@pytest.mark.parametrize("verified", [False, True])
+@pytest.mark.parametrize("shape", ABSENT)
+def test_absent_events_of_random_trees(shape: str, *, verified: bool) -> None:
+    random, asked, found = Random(f"{shape} {verified}"), 0, 0
+    while asked < 200:
+        tree = dense_tree(random, ABSENT[shape])
+        with suppress(RvaftError):
+            require_valid(tree)
+            semantics = random.choice(list(Semantics))
+            made = backend("mfotl").translate(tree, semantics) if tree.absences else None
+            if made is None or len(made.text) > 8_000:
+                continue
+            traces = [dense_trace(random, ABSENT[shape], 7) for _ in range(12)]
+            header = MfotlHeader.read(made.text)
+            kept = [one for one in traces if not (first_violation(tree, one, made.assumes) or header.left_open(one))]
+            wanted = [first(tree, semantics, one) for one in kept]
+            assert first_detections(PROGRAM, made.text, kept, verified=verified) == wanted, made.text
+            asked, found = asked + len(kept), found + sum(one is not None for one in wanted)
+    assert found > 20
+
+
+LASTING = (
+    "semantics scattered; time t as s; event e(x, y) = { x: x, y: y };"
+    "low on e(1, Y) without e(2, Y) for 2 s after without e(3, Y) for 2 s before;"
+)
+FAULTS_OF_ABSENCE = {
+    "a clause dropped": ("(q2 < d2)", "(q2 < i1)"),
+    "a duration one unit longer": ("<= 2000000000", "<= 2000000001"),
+    "decided one unit early": ("< -2000000000", "< -1999999999"),
+    "at the wrong end": ("(q1 < i1)", "(i1 < q1)"),
+    "the value of another": (
+        "ONCE low_3(T3_kind, T3_time, Y_text, q2)",
+        "ONCE (EXISTS z. low_3(T3_kind, T3_time, z, q2))",
+    ),
+}
+
+
+@pytest.mark.published
+@published
+def test_planted_faults_in_absent_events_show() -> None:
+    tree, random = loads(LASTING), Random("lasting")
+    text = backend("mfotl").translate(tree, Semantics.SCATTERED).text
+    times = (0, 1, 1.999999999, 2, 2.000000001, 3, 4, 4.000000001)
+    near: list[Json] = [{"x": 3, "y": 1, "t": 0}, {"x": 1, "y": 1, "t": 2.000000001}, {"t": 5}]
+    traces = [near]
+    for _ in range(100):
+        some = sorted(random.choices(times, k=6))
+        traces.append([{"x": random.choice((1, 2, 3)), "y": random.choice((1, 2)), "t": one} for one in some])
+    wanted = [first(tree, Semantics.SCATTERED, one) for one in traces]
+    assert first_detections(PROGRAM, text, traces) == wanted
+    all_show(FAULTS_OF_ABSENCE, text, lambda edited: first_detections(PROGRAM, edited, traces))

@@ -22,7 +22,7 @@ from rvaft.api import monitor as monitor_of
 from rvaft.errors import OptionError, RvaftError, ToolMissing
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import duration
-from rvaft.model.nodes import Kind
+from rvaft.model.nodes import Kind, Side
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, decimal, is_finite
 from rvaft.model.verdict import Semantics
@@ -72,6 +72,9 @@ class _Options(NamedTuple):
     repeat: bool
     cooldown: int | None
     strict_json: bool
+    complete: bool = False
+    latest: int | None = None
+    """The greatest time of the table in nanoseconds, if it decides verdicts."""
 
     @property
     def digest(self) -> bytes:
@@ -102,6 +105,7 @@ def monitor(
     repeat: bool = False,
     cooldown: str | None = None,
     strict_json: bool = False,
+    complete: bool = False,
 ) -> "DataFrame":
     """Return the detections in a table or stream of events, in `SCHEMA`.
 
@@ -120,6 +124,11 @@ def monitor(
     `checkpointLocation` continues, reports each detection once, and refuses another tree or
     options. Events are sorted within a micro-batch; an event of an earlier time in a later batch is
     processed on arrival, with a warning.
+
+    `for D after` is decided by the next event of the key, or by the greatest time in the table, for which
+    Spark reads it twice; with `complete`, by the end of the table. `rvaft monitor --key` may decide it
+    earlier, by an event of another key, and with `repeat` begin anew earlier. A stream of such a tree is
+    refused.
 
     Raises `OptionError`, `TreeError` as `rvaft.monitor` does, and `ToolMissing`.
     """
@@ -145,7 +154,15 @@ def monitor(
         None if cooldown is None else duration(cooldown),
         strict_json,
     )
-    _planned(options)
+    timed = any(clause.side is Side.AFTER for _, clause, _ in _planned(options).tree.absences)
+    if timed and events.isStreaming:
+        raise OptionError(
+            "a stream of Spark has no time of all keys, which decides `for D after`: use a table, or "
+            "rvaft monitor --follow --clock"
+        )
+    if timed and order_by is not None:
+        raise OptionError("`for D after` is decided in the order of times: omit order_by")
+    options = options._replace(complete=complete)
     if column is None and events.columns == ["value"]:
         column = "value"
     text = spark.to_json(spark.struct("*")) if column is None else spark.col(column)
@@ -153,6 +170,9 @@ def monitor(
     if events.isStreaming:
         stepped = partial(_stepped, options)
         return keyed.groupBy("key").applyInPandasWithState(stepped, SCHEMA, _STATE, "append", "NoTimeout")
+    if timed and not complete:
+        ((latest,),) = keyed.agg({"place": "max"}).collect()
+        options = options._replace(latest=latest)
     in_order = keyed.repartition("key").sortWithinPartitions("key", *_ORDER)
     return in_order.mapInArrow(partial(_monitored, options), SCHEMA)
 
@@ -281,6 +301,15 @@ class _KeyRun:
             lines.append(f"{counted(self._unplaced)} {what}")
         return [*lines, self._failure] if self._failure else lines
 
+    def end(self) -> Iterator[tuple[Any, ...]]:
+        """Yield the rows for what the end of the table, or the time of another key, decides."""
+        if self._options.complete and not self._failure:
+            self._run.finish()
+        elif (latest := self._options.latest) is not None and latest > _FIRST and not self._failure:
+            self._run.decide(latest)
+        yield from self._listener.rows
+        self._listener.rows.clear()
+
     def read(self, texts: Iterable[tuple[int, str]]) -> Iterator[tuple[Any, ...]]:
         """Yield the rows for further events of this key, in order."""
         plan, rejected = self._plan, self._rejected
@@ -342,7 +371,11 @@ def _monitored(options: _Options, batches: Iterable["pyarrow.RecordBatch"]) -> I
 
     for group, found in groupby(events(), key=itemgetter(0)):
         texts = ((place, text) for _, place, text in found)
-        rows = list(_without_key(options, texts) if group == _NO_KEY else _KeyRun(options, group).read(texts))
+        if group == _NO_KEY:
+            rows = list(_without_key(options, texts))
+        else:
+            run = _KeyRun(options, group)
+            rows = [*run.read(texts), *run.end()]
         if rows:
             yield _batch(rows, SCHEMA)
 

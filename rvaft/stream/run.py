@@ -34,6 +34,7 @@ from rvaft.stream.statistics import EventKind, Statistics
 
 FEW: Final = 32
 """Smaller blocks are not batches; also the maximum pause after failures."""
+_OTHER_KEY: Final = "event of another key"
 _NO_EVENT: Final[JsonObject] = {}
 """The stand-in for events that match no pattern."""
 KeyValues: TypeAlias = tuple[Json, ...]
@@ -393,6 +394,10 @@ class TraceRun:
         shown = time.isoformat() if isinstance(time, datetime) else str(time)
         self._tell(self.watches, methodcaller("pass_time", time), f"time {shown}")
 
+    def decide(self, time: int) -> None:
+        """Tell all monitors a time in nanoseconds, of an event of another key, which makes no event late."""
+        self._tell(self.watches, methodcaller("decide", time), _OTHER_KEY)
+
     def finish(self) -> None:
         """Tell all monitors that the trace is complete."""
         self._tell(self.watches, methodcaller("finish"), "end of the log")
@@ -411,7 +416,7 @@ class TraceRun:
             deadline, _, watch = heappop(self._deadlines)
             if self._waiting.get(watch) == deadline:
                 del self._waiting[watch]
-                self._tell([watch], methodcaller("decide", time), "event of another key")
+                self._tell([watch], methodcaller("decide", time), _OTHER_KEY)
                 self._note_deadline(watch)
 
     def _tell(self, watches: Iterable[MonitoredTrace], tell: Callable[[Monitor], Verdict], passed: str) -> None:

@@ -135,6 +135,29 @@ def test_a_table_has_the_detections_of_the_command(
 
 
 @pytest.mark.ci
+def test_a_key_that_falls_silent_is_found_by_the_times_of_the_table(session: Any, tmp_path: Path) -> None:
+    """The keys that `rvaft monitor --key` detects, if none repeats; without an end, the last to send is not one."""
+    from rvaft.integrations import spark as fleets
+
+    text = "semantics scattered; time t as s; event e(x) = { e: x }; lost on e(X) without e(X) for 5 s after;"
+    sent = {"silent": range(10), "lasting": range(0, 100, 2), "new": [98]}
+    events = [{"t": time, "e": 1, "user": user} for time in range(100) for user in sent if time in sent[user]]
+    (tree := tmp_path / "lost.rvaft").write_text(text)
+    (path := tmp_path / "log.jsonl").write_text("".join(f"{json.dumps(one)}\n" for one in events))
+    for complete in (False, True):
+        words = ["--complete"] if complete else []
+        found = run("monitor", tree, path, "--key", "user", "--format", "jsonl", "--detections", *words).stdout
+        expected = {json.dumps(json.loads(line)["key"]) for line in found.splitlines()}
+        rows = fleets.monitor(session.read.text(str(path)), loads(text), key="user", complete=complete).collect()
+        assert {row.key for row in rows if row.record is not None} == expected
+        assert expected == {json.dumps(user) for user in (sent if complete else ["silent"])}
+    with pytest.raises(OptionError, match="omit order_by"):
+        fleets.monitor(session.read.text(str(path)), loads(text), key="user", order_by="t")
+    with pytest.raises(OptionError, match="a stream of Spark has no time of all keys"):
+        fleets.monitor(session.readStream.text(str(tmp_path)), loads(text), key="user")
+
+
+@pytest.mark.ci
 def test_rows_are_events_and_a_number_is_their_order(session: Any) -> None:
     from rvaft.integrations import spark as fleets
 

@@ -11,13 +11,13 @@ from typing import Final
 
 from rvaft.errors import LanguageError
 from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Located
+from rvaft.language.priority_and import read_priority_gates
 from rvaft.model.nodes import Place
 from rvaft.model.tree import find_cycle
 
 SUFFIXES: Final = (".dft", ".galileo")
 """Extensions of Galileo files, in which `pand` is a dynamic gate, too, and failures persist (`scattered`)."""
 _WHY: Final = {
-    "pand": "the parts below it end from left to right",
     "seq": "its parts fail from left to right",
     "csp": "a cold spare cannot fail before it is used",
     "wsp": "a warm spare may fail before it is used",
@@ -46,11 +46,12 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     below = {child.value for node in draft.nodes.values() for child in node.children()} if uses else set()
     below.update(toplevel.value for toplevel in draft.toplevels)
     for node, (use, place) in uses:
-        if not use.is_dependency:
+        if not use.is_dependency and use.dynamic != "pand":
             idle = use.dynamic == "seq" and node.name not in below
             draft.dynamic_gates.append(_static(draft, node, Located(use, place), "; " + _IDLE if idle else ""))
     if dependencies:
         _read_dependencies(draft, dependencies)
+    read_priority_gates(draft, [(node.name, located.place) for node, located in uses if located.value.dynamic == "pand"])
 
 
 def is_galileo(file: str) -> bool:

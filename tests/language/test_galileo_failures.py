@@ -14,7 +14,7 @@ from tests.language.failures import NEVER, FaultTree, failures, orders, random_t
 from tests.language.test_galileo_corpus import FILES, needs_corpus
 from tests.tables import rows
 
-MAX_PERMUTED = 5
+MAX_PERMUTED = 4
 """The number of events of which all orders are tried."""
 
 
@@ -42,7 +42,7 @@ def agree(tree: RVAFT, facts: FaultTree, order: list[str]) -> int:
 def test_priority_gates(text: str, order: str, position: int | None) -> None:
     tree, facts = parse(text, "tree.dft").build(), read(text)
     assert failures(facts, order.split())[facts.top] == (position or NEVER)
-    for some in permutations(facts.events) if len(facts.events) <= MAX_PERMUTED else orders(facts, Random(text), 40):
+    for some in permutations(facts.events) if len(facts.events) <= MAX_PERMUTED else orders(facts, Random(text), 10):
         agree(tree, facts, list(some))
     agree(tree, facts, order.split())
 
@@ -57,7 +57,7 @@ def test_what_has_no_exact_translation_is_refused(text: str, error: str) -> None
 
 def test_random_fault_trees() -> None:
     translated = failed = 0
-    for seed in range(60):
+    for seed in range(40):
         random = Random(f"failures {seed}")
         text = random_text(random)
         try:
@@ -66,16 +66,16 @@ def test_random_fault_trees() -> None:
             continue
         translated += any(node.without for node in tree.nodes.values())
         facts = read(text)
-        for order in orders(facts, random, 4):
+        for order in orders(facts, random, 3):
             failed += agree(tree, facts, order) < NEVER
-    assert translated >= 10
-    assert failed >= 50
+    assert translated >= 5
+    assert failed >= 30
 
 
 @needs_corpus
 @pytest.mark.parametrize("path", [p for p in FILES if " pand " in p.read_text()], ids=lambda path: path.stem)
 def test_files_of_the_corpus_with_priority_gates(path: Path) -> None:
-    compare(path, number=40)
+    compare(path, number=20)
 
 
 @needs_corpus

@@ -195,7 +195,9 @@ def _failing_again(tree: RVAFT) -> set[str]:
                 found.add(node.name)
             choosing.update([node.name] if children[-1] in choosing else ())
             continue
-        last[node.name] = frozenset[str]().union(*[last[child] for child in children]) if children else frozenset([node.name])
+        last[node.name] = (
+            frozenset[str]().union(*[last[child] for child in children]) if children else frozenset([node.name])
+        )
         choosing.update([node.name] if not choosing.isdisjoint(children) else ())
     return found
 

@@ -11,8 +11,8 @@ from typing import Final
 
 from rvaft.errors import LanguageError
 from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Located
-from rvaft.language.priority_and import read_priority_gates
-from rvaft.model.nodes import Place
+from rvaft.language.priority_and import read_priority_gates, unordered
+from rvaft.model.nodes import Gate, Place
 from rvaft.model.tree import find_cycle
 
 SUFFIXES: Final = (".dft", ".galileo")
@@ -49,9 +49,25 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
         if not use.is_dependency and use.dynamic != "pand":
             idle = use.dynamic == "seq" and node.name not in below
             draft.dynamic_gates.append(_static(draft, node, Located(use, place), "; " + _IDLE if idle else ""))
-    if dependencies:
-        _read_dependencies(draft, dependencies)
-    read_priority_gates(draft, [(node.name, located.place) for node, located in uses if located.value.dynamic == "pand"])
+    dependents = _read_dependencies(draft, dependencies) if dependencies else []
+    ordered = {"seq", "csp", "spare"}
+    _drop_order(draft, [node.name for node, (use, _) in uses if use.dynamic in ordered], dependents)
+    read_priority_gates(
+        draft, [(node.name, located.place) for node, located in uses if located.value.dynamic == "pand"]
+    )
+
+
+def _drop_order(draft: Draft, names: list[str], dependents: list[str]) -> None:
+    """Read the gates as `and` whose parts can fail together, or of which a trigger can fail a later part first."""
+    for name in unordered(draft, names, dependents):
+        node = draft.nodes[name]
+        use, place = node.gates[0]
+        if use.gate is not Gate.SAND:
+            continue
+        node.gates = [Located(use._replace(gate=Gate.AND), place)]
+        sentence = f"`{use.dynamic}` of {name} is read as `and`: its parts share or depend on events, and can fail in any order"
+        gates = draft.dynamic_gates
+        gates[:] = [gate._replace(sentence=sentence) if gate.nodes == (name,) else gate for gate in gates]
 
 
 def is_galileo(file: str) -> bool:
@@ -96,7 +112,8 @@ def _check_spares(uses: list[tuple[DraftNode, Located[GateUse]]]) -> None:
                 raise _error(message, child.place)
 
 
-def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located[GateUse]]]) -> None:
+def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located[GateUse]]]) -> list[str]:
+    """Replace what depends on triggers, and return the names of the new nodes."""
     triggers: dict[str, dict[str, Located[str]]] = {}
     names = {node.name for node, _ in dependencies}
     for node, located in dependencies:
@@ -142,6 +159,7 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located
             trigger, *dependents = (child.value for child in use.children)
             how = f"a failure of {trigger} counts as a failure of {', '.join(dependents)}, too"
             draft.dynamic_gates.append(DynamicGate(place, f"`{use.dynamic}` of {node.name}: {how}", ()))
+    return list(made)
 
 
 def _check_dependency(node: DraftNode, located: Located[GateUse], names: set[str]) -> None:

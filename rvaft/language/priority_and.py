@@ -76,6 +76,22 @@ def read_priority_gates(draft: Draft, gates: list[tuple[str, Place]]) -> None:
         draft.dynamic_gates.append(DynamicGate(place, f"`pand` of {name} {how}", (name,)))
 
 
+def unordered(draft: Draft, names: Iterable[str], dependents: Iterable[str]) -> list[str]:
+    """Return which of these gates have two children that share a basic event, or later ones with dependent events."""
+    reading = _Reading(draft, {})
+    if not reading.valid():
+        return []
+
+    names = [name for name in names if name in reading.shapes]
+    found = []
+    for name in names:
+        below = [reading.facts(child).events for child in reading.shapes[name].children]
+        if sum(map(len, below)) > len(frozenset[str]().union(*below)):
+            found.append(name)
+    dependent = reading.above(set(dependents))
+    return found + [name for name in names if not dependent.isdisjoint(reading.shapes[name].children[1:])]
+
+
 def _error(message: str, place: Place) -> LanguageError:
     return LanguageError(message, file=place.file, line=place.line, column=place.column)
 
@@ -157,6 +173,14 @@ class _Reading:
                     raise self._refusal(node, f"it has more than {_MOST_EVENTS:,} pairs of a gate and an event below")
         return self._facts[name]
 
+    def above(self, names: set[str]) -> set[str]:
+        """Return these nodes and those above them, of the nodes whose facts are known."""
+        found: set[str] = set()
+        for node in self._facts:  # children come first
+            if node in names or not found.isdisjoint(self._below(node)):
+                found.add(node)
+        return found
+
     def _below(self, name: str) -> tuple[str, ...]:
         shape = self.shapes.get(name)
         return shape.children if shape else ()
@@ -176,7 +200,9 @@ class _Reading:
                 last = below[0].last
             case _:
                 last = frozenset[str]().union(*[one.last for one in below])
-        fixed = below[-1].fixed if shape.gate is Gate.PAND else all(one.fixed for one in below) and not self._spare(shape)
+        fixed = (
+            below[-1].fixed if shape.gate is Gate.PAND else all(one.fixed for one in below) and not self._spare(shape)
+        )
         return Facts(events, frozenset(needed), last, fixed, 1 + max(one.depth for one in below))
 
     @staticmethod
@@ -196,7 +222,8 @@ class _Reading:
         return all(self.facts(y).fixed and not self.facts(x).last & self.facts(y).last for x, y in pairwise(children))
 
     def _refusal(self, name: str, why: str) -> LanguageError:
-        place = self.places.get(self.origin.get(name, name)) or next(iter(self.places.values()))
+        places = [self.places.get(self.origin.get(name, name)), *self.places.values(), Place(self.draft.file)]
+        place = next(place for place in places if place)
         return _error(f"a `pand` above {name} cannot be read: {why}", place)
 
     # From several inputs to two
@@ -221,7 +248,9 @@ class _Reading:
             self._check_plain(inner)
             y, z = shape.children
             alone = sum(inner in other.children for other in self.shapes.values()) == 1
-            pair = Shape(Gate.PAND, (self._make(f"{x} and {y}", Shape(Gate.AND, tuple(dict.fromkeys((x, y)))), name), z))
+            pair = Shape(
+                Gate.PAND, (self._make(f"{x} and {y}", Shape(Gate.AND, tuple(dict.fromkeys((x, y)))), name), z)
+            )
             self._facts.clear()
             if alone:  # the inner gate keeps its place in the tree
                 self.shapes[name], self.shapes[inner] = Shape(Gate.OR, (inner,)), pair

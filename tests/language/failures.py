@@ -11,7 +11,7 @@ from random import Random
 from typing import NamedTuple
 
 NEVER = 10**9
-SPARES = ("wsp", "csp", "hsp", "spare")
+DEPENDENCIES = ("fdep", "pdep=1", "pdep=1.0")
 
 
 class Gate(NamedTuple):
@@ -36,6 +36,7 @@ def read(text: str) -> FaultTree:
     """Return the fault tree of a text, in which attributes do not matter but `dorm`."""
     text = re.sub(r"//[^\n]*|/\*.*?\*/", "", text, flags=re.DOTALL)
     gates: dict[str, Gate] = {}
+    words: dict[str, str] = {}
     triggers, enforced, names, dormant, top = [], [], dict[str, None](), {}, ""
     for statement in filter(None, map(str.strip, text.split(";"))):
         tokens = [one.strip('"') for one in re.findall(r'"[^"]*"|[^\s"]+', statement)]
@@ -48,7 +49,8 @@ def read(text: str) -> FaultTree:
             dormant[name] = next((one.partition("=")[2] for one in rest if one.startswith("dorm=")), "")
             continue
         word, inputs = rest[0], [one for one in rest[1:] if "=" not in one]
-        if word in ("fdep", "pdep=1", "pdep=1.0"):
+        words[name] = word
+        if word in DEPENDENCIES:
             triggers.append((inputs[0], inputs[1:]))
             names.update(dict.fromkeys(inputs))
             continue
@@ -56,12 +58,26 @@ def read(text: str) -> FaultTree:
         counted = re.fullmatch(r"(\d+)of\d+|vot(\d+)", word)
         need = 1 if word == "or" else int(counted[1] or counted[2]) if counted else len(inputs)
         gates[name] = Gate("vot" if counted else word, inputs, need)
+    dependencies = {name for name, word in words.items() if word in DEPENDENCIES}
+    for name, gate in gates.items():  # a dependency never fails, and no gate waits for it
+        kept = [one for one in gate.inputs if one not in dependencies]
+        gates[name] = gate._replace(inputs=kept, need=min(gate.need, len(kept)))
     for gate in gates.values():
-        cold = gate.word == "csp" or gate.word == "spare" and all(dormant.get(one, "") in ("0", "0.0") for one in gate.inputs[1:])
+        cold = (
+            gate.word == "csp"
+            or gate.word == "spare"
+            and all(dormant.get(one, "") in ("0", "0.0") for one in gate.inputs[1:])
+        )
         if cold or gate.word == "seq":
             enforced.append(gate.inputs)
     ordered = dict.fromkeys(_leaves(gates, top))
-    return FaultTree(top, gates, triggers, enforced, [one for one in {**ordered, **names} if one not in gates])
+    return FaultTree(
+        top,
+        gates,
+        triggers,
+        enforced,
+        [one for one in {**ordered, **names} if one not in gates and one not in dependencies],
+    )
 
 
 def _leaves(gates: Mapping[str, Gate], name: str) -> Iterator[str]:
@@ -121,16 +137,14 @@ def orders(tree: FaultTree, random: Random, number: int) -> Iterator[list[str]]:
         yield order
 
 
-
-
 def random_text(random: Random) -> str:
     """Return a random fault tree with priority gates over choices, shared events and dependencies."""
-    unused = [f"e{number}" for number in range(random.choice([5, 6, 7, 8]))]
+    unused = [f"e{number}" for number in range(random.choice([5, 6]))]
     used: list[str] = []
     gates: list[str] = []
     text: list[str] = []
-    sharing = random.choice([0, 0, 0, 0.1, 0.3])
-    for number in range(random.choice([3, 4, 5])):
+    sharing = random.choice([0, 0, 0, 0.2])
+    for number in range(random.choice([2, 3, 4])):
         below: list[str] = []
         for _ in range(random.choice([2, 2, 3])):
             pool = used if used and (not unused or random.random() < sharing) else unused
@@ -139,7 +153,9 @@ def random_text(random: Random) -> str:
             below[: random.choice([1, 2])] = random.sample(gates, random.choice([1, 2]))
         used += below
         below = list(dict.fromkeys(below))
-        word = random.choice(["pand", "or", "or", "and", f"vot{max(1, len(below) - 1)}", "wsp"] + ["pand"] * (number - 1))
+        word = random.choice(
+            ["pand", "or", "or", "and", f"vot{max(1, len(below) - 1)}", "wsp"] + ["pand"] * (number - 1)
+        )
         text.append(f'"g{number}" {word} {" ".join(below)};')
         gates.append(f"g{number}")
     events = sorted({name for name in used if name[0] == "e"})

@@ -57,7 +57,7 @@ def test_what_has_no_exact_translation_is_refused(text: str, error: str) -> None
 
 def test_random_fault_trees() -> None:
     translated = failed = 0
-    for seed in range(40):
+    for seed in range(300):
         random = Random(f"failures {seed}")
         text = random_text(random)
         try:
@@ -66,10 +66,10 @@ def test_random_fault_trees() -> None:
             continue
         translated += any(node.without for node in tree.nodes.values())
         facts = read(text)
-        for order in orders(facts, random, 3):
+        for order in orders(facts, random, 2):
             failed += agree(tree, facts, order) < NEVER
-    assert translated >= 5
-    assert failed >= 30
+    assert translated >= 10
+    assert failed >= 200
 
 
 @needs_corpus

@@ -65,7 +65,8 @@ def _drop_order(draft: Draft, names: list[str], dependents: list[str]) -> None:
         if use.gate is not Gate.SAND:
             continue
         node.gates = [Located(use._replace(gate=Gate.AND), place)]
-        sentence = f"`{use.dynamic}` of {name} is read as `and`: its parts share or depend on events, and can fail in any order"
+        why = "its parts share or depend on events, and can fail in any order"
+        sentence = f"`{use.dynamic}` of {name} is read as `and`: {why}"
         gates = draft.dynamic_gates
         gates[:] = [gate._replace(sentence=sentence) if gate.nodes == (name,) else gate for gate in gates]
 

@@ -44,7 +44,7 @@ def read(text: str) -> FaultTree:
             top = tokens[1] if tokens[0] == "toplevel" else top
             continue
         name, rest = tokens[0], tokens[1:]
-        if not rest or "=" in rest[0] and not rest[0].startswith("pdep"):
+        if not rest or ("=" in rest[0] and not rest[0].startswith("pdep")):
             names[name] = None
             dormant[name] = next((one.partition("=")[2] for one in rest if one.startswith("dorm=")), "")
             continue
@@ -63,12 +63,8 @@ def read(text: str) -> FaultTree:
         kept = [one for one in gate.inputs if one not in dependencies]
         gates[name] = gate._replace(inputs=kept, need=min(gate.need, len(kept)))
     for gate in gates.values():
-        cold = (
-            gate.word == "csp"
-            or gate.word == "spare"
-            and all(dormant.get(one, "") in ("0", "0.0") for one in gate.inputs[1:])
-        )
-        if cold or gate.word == "seq":
+        cold = gate.word == "spare" and all(dormant.get(one, "") in ("0", "0.0") for one in gate.inputs[1:])
+        if cold or gate.word in ("csp", "seq"):
             enforced.append(gate.inputs)
     ordered = dict.fromkeys(_leaves(gates, top))
     return FaultTree(

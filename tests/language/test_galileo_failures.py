@@ -23,7 +23,8 @@ def detected(tree: RVAFT, order: list[str]) -> int:
     try:
         watching = monitor(tree)
     except TreeError as error:
-        assert error.rule == "no-scenario"
+        if error.rule != "no-scenario":
+            raise
         return NEVER
     for position, name in enumerate(order, 1):
         if watching.step({"event": name}) == Verdict.TRUE:
@@ -57,7 +58,7 @@ def test_what_has_no_exact_translation_is_refused(text: str, error: str) -> None
 
 def test_random_fault_trees() -> None:
     translated = failed = 0
-    for seed in range(300):
+    for seed in range(80):
         random = Random(f"failures {seed}")
         text = random_text(random)
         try:
@@ -68,8 +69,8 @@ def test_random_fault_trees() -> None:
         facts = read(text)
         for order in orders(facts, random, 2):
             failed += agree(tree, facts, order) < NEVER
-    assert translated >= 10
-    assert failed >= 200
+    assert translated >= 3
+    assert failed >= 80
 
 
 @needs_corpus

@@ -1,8 +1,8 @@
-"""The ten patterns of Timescales (Ulus, RV 2019) as trees, and two of them as deadlines, against their formulas of past MTL, run by Reelay.
+"""The ten patterns of Timescales (Ulus, RV 2019) as trees, and two of them as deadlines.
 
-A tree detects the first event at which the formula does not hold. Of the propositions p, q, r and s at most one is
-true at a time, and there is an event every second, as in the traces of that generator; of the `always` patterns, p is
-true except where an event says `not p`.
+They are compared with their formulas of past MTL, run by Reelay. A tree detects the first event at which the formula
+does not hold. Of the propositions p, q, r and s at most one is true at a time, and there is an event every second, as
+in the traces of that generator; of the `always` patterns, p is true except where an event says `not p`.
 """
 
 from collections.abc import Iterator

@@ -22,19 +22,22 @@ from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.errors import LanguageError
 from rvaft.language.draft import Draft, DraftNode, DynamicGate, GateUse, Located
-from rvaft.model.guards import time_points
+from rvaft.model.guards import renamed, time_points, variables
 from rvaft.model.nodes import EventType, Gate, On, Place, Side, Without
-from rvaft.model.patterns import Literal, ObjectPattern
+from rvaft.model.patterns import Literal, ObjectPattern, Variable
 from rvaft.model.tree import find_cycle
 
 Events: TypeAlias = frozenset[str]
 _SHOWN: Final = 3
 """The maximum number of names in the name of a new node."""
-_MOST_EVENTS: Final = 1_000_000
+_MOST_EVENTS: Final = 200_000
 """The maximum number of pairs of a gate and a basic event below it."""
 _MOST_CUTS: Final = 64
-"""The maximum number of cuts of an input, and of nodes that one level of nesting may add."""
+"""The maximum number of cuts of an input."""
+_MOST_NODES: Final = 5_000
+"""The maximum number of new nodes, and of steps to find the cuts of a gate."""
 _DEEPEST: Final = 100
+"""The maximum depth of an input that is translated."""
 _LONGEST: Final = 60
 """The maximum length of the name of a new node, before it is cut."""
 NOTHING: Final = ""
@@ -224,7 +227,7 @@ class _Reading:
     def _refusal(self, name: str, why: str) -> LanguageError:
         places = [self.places.get(self.origin.get(name, name)), *self.places.values(), Place(self.draft.file)]
         place = next(place for place in places if place)
-        return _error(f"a `pand` above {name} cannot be read: {why}", place)
+        return _error(f"a {'`pand`' if self.places else 'dynamic gate'} above {name} cannot be read: {why}", place)
 
     # From several inputs to two
 
@@ -341,10 +344,12 @@ class _Reading:
             raise self._refusal(name, "it is an input of a gate with choices, which fails after another one")
         below = [self._cuts(child) for child in shape.children]
         found: set[Events] = set()
+        steps = 0
         for some in combinations(below, self._spare(shape) + 1):
             for cuts in product(*some):
+                steps += 1
                 found.add(frozenset[str]().union(*cuts))
-                if len(found) > _MOST_CUTS:
+                if len(found) > _MOST_CUTS or steps > _MOST_NODES:
                     raise self._refusal(name, f"it can be kept from failing in more than {_MOST_CUTS} ways")
         return sorted((cut for cut in found if not any(other < cut for other in found)), key=sorted)
 
@@ -443,6 +448,8 @@ class _Reading:
         place = self.draft.nodes[self.origin.get(name, name)].place
         self.draft.nodes[title] = DraftNode(title, statements=[place])
         self._new.add(title)
+        if len(self._new) > _MOST_NODES:
+            raise self._refusal(name, f"its translation has more than {_MOST_NODES:,} nodes")
         self._write(title, shape)
         return title
 
@@ -464,7 +471,12 @@ class _Reading:
         if node.counts or node.withouts or time_points(guard) or (guard and not node.ons):
             raise self._refusal(name, "its event may come several times, or depends on others")
         if node.ons:
-            return Without(node.ons[0].value, guard, Side.BEFORE)
+            on = node.ons[0].value
+            own = self._own_names(name, {*on.variables, *variables(guard)})
+            arguments = [
+                Variable(own.get(one.name, one.name)) if isinstance(one, Variable) else one for one in on.arguments
+            ]
+            return Without(On(on.event, tuple(arguments)), guard and renamed(guard, own), Side.BEFORE)
         if name not in self._failures:
             event = name
             while any(event == one.name for one in self.draft.events):
@@ -473,6 +485,18 @@ class _Reading:
             self.draft.events.append(EventType(event, (), pattern, node.place if node.statements else Place()))
             self._failures[name] = On(event, ())
         return Without(self._failures[name], None, Side.BEFORE)
+
+    def _own_names(self, name: str, names: set[str]) -> dict[str, str]:
+        """Return other names for the variables that only this leaf has: their absence is that of any value."""
+        others = [node for node in self.draft.nodes.values() if node.name != name]
+        used = {one for node in others for on in node.ons for one in on.value.variables}
+        used.update(one for node in others for guard in node.whens for one in variables(guard.value))
+        found: dict[str, str] = {}
+        for one in sorted(names - used):
+            found[one] = f"{one}_"
+            while found[one] in used or found[one] in names:
+                found[one] += "_"
+        return found
 
     def _roots(self) -> list[str]:
         return [top.value for top in self.draft.toplevels] or [node.name for node in self.draft.parentless()]

@@ -56,6 +56,22 @@ def test_what_has_no_exact_translation_is_refused(text: str, error: str) -> None
     parse(text, "tree.rvaft").build()  # where `pand` is that of this language
 
 
+def test_a_leaf_with_an_event_of_its_own(tmp_path: Path) -> None:
+    """Its absence has its pattern and guard, for any value of what it alone binds."""
+    (tmp_path / "tree.dft").write_text("toplevel T; T pand X B; X or x y; B or b c; x; y; c;")
+    (tmp_path / "more.rvaft").write_text(
+        'import "tree.dft"; X fault label "First"; event stall(axis, amp) = { stall: axis, amp: amp };'
+        'b on stall("b", A) when A > 5 attack;'
+    )
+    tree = load(tmp_path / "more.rvaft")
+    for amp, expected in ((9, NEVER), (4, 3)):
+        watching = monitor(tree)
+        told = [watching.step(event) for event in ({"stall": "b", "amp": amp}, {"event": "x"}, {"event": "c"})]
+        assert (told.index(Verdict.TRUE) + 1 if Verdict.TRUE in told else NEVER) == expected
+    assert [*monitor(tree, kind="attack").run([{"event": "y"}, {"event": "c"}])] == [Verdict.UNKNOWN] * 2
+    assert [*monitor(tree, kind="attack").run([{"event": "y"}, {"stall": "b", "amp": 6}])][-1] == Verdict.TRUE
+
+
 def test_random_fault_trees() -> None:
     translated = failed = 0
     for seed in range(80):

@@ -46,7 +46,7 @@ FIXED: Final = "is read as `pand`: its inputs fail from left to right"
 EXACT: Final = "is read with `without`: each input fails, at the first time, no later than the next one"
 
 
-class Shape(NamedTuple):
+class FaultGate(NamedTuple):
     """A gate of the fault tree with its children."""
 
     gate: Gate
@@ -103,7 +103,7 @@ class Form(NamedTuple):
     """One translation: a gate with the title of its node, and the basic events that do not fail before its end."""
 
     title: str
-    shape: Shape
+    shape: FaultGate
     absent: Events = frozenset()
 
 
@@ -114,7 +114,7 @@ class _Reading:
         self.draft = draft
         self.places = places
         self.changed: set[str] = set()
-        self.shapes: dict[str, Shape] = {}
+        self.shapes: dict[str, FaultGate] = {}
         self.origin: dict[str, str] = {}
         """The gate for which a node was made."""
         self.source: dict[str, str] = {}
@@ -131,7 +131,7 @@ class _Reading:
             if node.gates:
                 use = node.gates[0].value
                 gate = Gate.OR if use.gate is Gate.PAND and len(use.children) == 1 else use.gate
-                self.shapes[node.name] = Shape(gate, tuple([child.value for child in use.children]), use.threshold)
+                self.shapes[node.name] = FaultGate(gate, tuple([child.value for child in use.children]), use.threshold)
 
     def valid(self) -> bool:
         """Whether the gates form a graph that a tree can have; other errors are reported later."""
@@ -209,7 +209,7 @@ class _Reading:
         return Facts(events, frozenset(needed), last, fixed, 1 + max(one.depth for one in below))
 
     @staticmethod
-    def _spare(shape: Shape) -> int:
+    def _spare(shape: FaultGate) -> int:
         """Return how many children a gate can do without."""
         match shape.gate:
             case Gate.OR:
@@ -235,8 +235,8 @@ class _Reading:
         """Give a `pand` two inputs, of which the first is a `pand` if it had more."""
         *first, last = self.shapes[name].children
         if len(first) > 1:
-            inner = self._make(" then ".join(first), Shape(Gate.PAND, tuple(first)), name)
-            self.shapes[name] = Shape(Gate.PAND, (inner, last))
+            inner = self._make(" then ".join(first), FaultGate(Gate.PAND, tuple(first)), name)
+            self.shapes[name] = FaultGate(Gate.PAND, (inner, last))
             self._write(name, self.shapes[name])
             if not self._is_exact(inner):
                 self.waiting.append(inner)
@@ -251,12 +251,12 @@ class _Reading:
             self._check_plain(inner)
             y, z = shape.children
             alone = sum(inner in other.children for other in self.shapes.values()) == 1
-            pair = Shape(
-                Gate.PAND, (self._make(f"{x} and {y}", Shape(Gate.AND, tuple(dict.fromkeys((x, y)))), name), z)
+            pair = FaultGate(
+                Gate.PAND, (self._make(f"{x} and {y}", FaultGate(Gate.AND, tuple(dict.fromkeys((x, y)))), name), z)
             )
             self._facts.clear()
             if alone:  # the inner gate keeps its place in the tree
-                self.shapes[name], self.shapes[inner] = Shape(Gate.OR, (inner,)), pair
+                self.shapes[name], self.shapes[inner] = FaultGate(Gate.OR, (inner,)), pair
                 self._write(name, self.shapes[name])
                 self._write(inner, pair)
                 name = inner
@@ -277,14 +277,14 @@ class _Reading:
         forms = list(dict.fromkeys(found))
         shape = forms[0].shape
         if len(forms) > 1 or forms[0].absent:
-            shape = Shape(Gate.OR, tuple([self._node(name, form) for form in forms]))
+            shape = FaultGate(Gate.OR, tuple([self._node(name, form) for form in forms]))
         self.changed.add(self.origin.get(name, name))
         self._write(name, shape)
 
     def _strictly(self, name: str, x: str, y: str) -> Iterator[Form]:
         """Yield the ways in which x fails before y."""
         if self.facts(y).fixed:
-            yield Form(f"{y} after {x}", Shape(Gate.PAND, (x, y)))
+            yield Form(f"{y} after {x}", FaultGate(Gate.PAND, (x, y)))
             return
         for cut in self._cuts(y):
             first = self._never(x, cut)
@@ -293,7 +293,7 @@ class _Reading:
             absent = cut - self.facts(y).needed
             self._check_only_below(name, absent)
             if absent:
-                first = self._node(name, Form(f"{x} before {y}", Shape(Gate.OR, (first,)), absent))
+                first = self._node(name, Form(f"{x} before {y}", FaultGate(Gate.OR, (first,)), absent))
             yield self._after(name, x, first, y, cut)
 
     def _together(self, name: str, x: str, y: str) -> Iterator[Form]:
@@ -307,19 +307,19 @@ class _Reading:
                     continue
                 self._check_only_below(name, absent)
                 before = list(dict.fromkeys(one for one in others if one))
-                shape = Shape(Gate.OR, (event,))
+                shape = FaultGate(Gate.OR, (event,))
                 if before:
                     first = before[0]
                     if len(before) > 1:
-                        first = self._make(" and ".join(before), Shape(Gate.AND, tuple(before)), name)
-                    shape = Shape(Gate.SAND, (first, event))
+                        first = self._make(" and ".join(before), FaultGate(Gate.AND, tuple(before)), name)
+                    shape = FaultGate(Gate.SAND, (first, event))
                 yield Form(f"{y} with {x}", shape, absent)
 
     def _after(self, name: str, x: str, first: str, y: str, cut: Events) -> Form:
         """Return the failure of y, of whose basic events those of a cut come after `first`, which is x."""
         title = f"{y} after {x}"
         if self.facts(y).events <= cut:
-            return Form(title, Shape(Gate.SAND, (first, y)))
+            return Form(title, FaultGate(Gate.SAND, (first, y)))
         below = []
         for child in self.shapes[y].children:
             touched = self.facts(child).events & cut
@@ -382,14 +382,14 @@ class _Reading:
         *first, last = shape.children
         if event not in self.facts(last).needed:
             raise self._refusal(name, f"it shares {event} with a later input")
-        x = first[0] if len(first) == 1 else self._make(" then ".join(first), Shape(Gate.PAND, tuple(first)), name)
-        both = Shape(Gate.AND, (x, last))
+        x = first[0] if len(first) == 1 else self._make(" then ".join(first), FaultGate(Gate.PAND, tuple(first)), name)
+        both = FaultGate(Gate.AND, (x, last))
         found = self._rest(f"{name} but {event}", name, both, [self._given(one, event, absent) for one in (x, last)])
         if without is None or found == NOTHING or found is None:
             return without if found is None else found
-        return self._make(f"{name} with {event}", Shape(Gate.OR, (without, found)), name)
+        return self._make(f"{name} with {event}", FaultGate(Gate.OR, (without, found)), name)
 
-    def _rest(self, title: str, name: str, shape: Shape, below: list[str | None]) -> str | None:
+    def _rest(self, title: str, name: str, shape: FaultGate, below: list[str | None]) -> str | None:
         """Return a gate over what remains of its children: None cannot fail, and NOTHING has failed."""
         need = len(below) - self._spare(shape) - below.count(NOTHING)
         left = tuple([one for one in below if one])
@@ -408,7 +408,7 @@ class _Reading:
 
     # Nodes of the draft
 
-    def _make(self, title: str, shape: Shape, name: str, like: str = "") -> str:
+    def _make(self, title: str, shape: FaultGate, name: str, like: str = "") -> str:
         """Return a gate of the fault tree, made for the gate `name`, with label and kind of another one."""
         key = shape, like
         if key not in self._made:
@@ -438,7 +438,7 @@ class _Reading:
                 self.draft.nodes[made].withouts += [Located(clause, place) for clause in clauses]
         return self._made[key]
 
-    def _added(self, title: str, shape: Shape, name: str) -> str:
+    def _added(self, title: str, shape: FaultGate, name: str) -> str:
         """Add a node to the draft, at the place of a gate, and return its name."""
         short = title = title if len(title) <= _LONGEST else f"{title[:_LONGEST]}..."
         number = 1
@@ -453,13 +453,13 @@ class _Reading:
         self._write(title, shape)
         return title
 
-    def _write(self, name: str, shape: Shape) -> None:
+    def _write(self, name: str, shape: FaultGate) -> None:
         node = self.draft.nodes[name]
         place = node.gates[0].place if node.gates else node.place
         children = tuple([Located(child, place) for child in shape.children])
         node.gates = [Located(GateUse(shape.gate, children, shape.threshold), place)]
 
-    def _is_single(self, shape: Shape) -> bool:
+    def _is_single(self, shape: FaultGate) -> bool:
         """Whether a gate has one event."""
         below = [self.shapes[child] for child in shape.children if child in self.shapes]
         return shape.gate is Gate.OR and all(map(self._is_single, below))

@@ -24,6 +24,7 @@ PICTURES: Final = ROOT / "docs" / "pictures"
 TREE: Final = "docs/first/break_in.rvaft"
 LOG: Final = "docs/first/break_in.traces/monday.jsonl"
 CASES: Final = {
+    "absence": "watchdog",
     "cloudtrail": "takeover",
     "greenhouse": "frost",
     "journald": "root_shell",

@@ -590,7 +590,8 @@ def followed(prop: Property, limit: int = LIMIT) -> Property:
     """Return the property that the engine follows.
 
     Windows over choices stay, and ends in order outside of shared parts. Each alternative is `reduced`
-    if it has an end in order above a shared part, or a `start` or `end` of a part with choices.
+    if it has an end in order above a shared part, or a `start` or `end` of a part with choices. Raises
+    `TreeError` if no alternative is left.
     """
     roots: dict[Part, None] = {}
     for alternative in expand_times(prop).alternatives:
@@ -600,6 +601,8 @@ def followed(prop: Property, limit: int = LIMIT) -> Property:
                 made = _by_choices(alternative, limit, lambda each, left: iter(reduced(each, left).alternatives))
             roots.update(dict.fromkeys(one.root for one in made.alternatives))
     found = tuple(root for root in roots if root is not IMPOSSIBLE)
+    if not found:  # where `rvaft.rules` does not decide it within its limit
+        raise TreeError("the tree has no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])
     return prop.with_root(found[0] if len(found) == 1 else One(None, found))
 
 

@@ -6,6 +6,7 @@ equivalent over single events. `losses` lists what else the Galileo text lacks.
 
 import sys
 from collections.abc import Iterator, Mapping
+from itertools import pairwise
 from typing import Any, Final, assert_never
 
 from rvaft.errors import OptionError
@@ -135,10 +136,12 @@ def losses(tree: RVAFT) -> Iterator[str]:
     nodes = list(tree.top_down())
     several = _with_several_leaves(tree)
     ordered = sum(node.gate in _SEQUENCES and not several.isdisjoint(node.children) for node in nodes)
+    again = len(_failing_again(tree))
     unwritable = sum(not _is_plain(*pair) for node in nodes for pair in node.attributes)
     unrated = sum(node.leaf and not node.attributes for node in nodes)
     for lost, what in (
         (ordered, "sand gate{} written as pand, which orders how parts end, and not all that is in them"),
+        (again, "gate{} written as pand, of which a later input may fail again, or together: in Galileo it fails once"),
         (sum(node.on is not None for node in nodes), "runtime event{} left out"),
         (sum(node.times > 1 for node in nodes), "number{} of events (times) left out"),
         (sum(node.within is not None for node in nodes), "window{} (within) left out"),
@@ -174,6 +177,31 @@ def _with_several_leaves(tree: RVAFT) -> set[str]:
     return {name for name, leaves in most.items() if leaves > 1}
 
 
+def _failing_again(tree: RVAFT) -> set[str]:
+    """Return the ordered gates whose inputs in order of their ends are not those in order of their failures.
+
+    They are, if every match of each input but the first ends when it fails, and no two can end with one event.
+    """
+    found: set[str] = set()
+    choosing: set[str] = set()
+    last: dict[str, frozenset[str]] = {}
+    for node in tree.bottom_up():
+        children = _written_children(node)
+        if node.gate in (Gate.OR, Gate.VOT) and (node.threshold or 1) < len(children):
+            choosing.add(node.name)
+        if not node.leaf and _GATES[node.gate] == "pand":  # type: ignore[index]
+            last[node.name] = last[children[-1]]
+            if any(y in choosing or last[x] & last[y] for x, y in pairwise(children)):
+                found.add(node.name)
+            choosing.update([node.name] if children[-1] in choosing else ())
+            continue
+        last[node.name] = (
+            frozenset[str]().union(*[last[child] for child in children]) if children else frozenset([node.name])
+        )
+        choosing.update([node.name] if not choosing.isdisjoint(children) else ())
+    return found
+
+
 _GATES: Final[Mapping[Gate, str]] = {
     Gate.AND: "and",
     Gate.OR: "or",
@@ -188,10 +216,15 @@ _SEQUENCES: Final = frozenset(gate for gate, word in _GATES.items() if word == "
 
 def _statement(node: Node) -> str:
     gate = [] if node.gate is None else [_GATES[node.gate].format(node.threshold, len(node.children))]
-    turns = {child: turn(node, place) for place, child in enumerate(node.children)}
-    children = sorted(node.children, key=turns.__getitem__)
+    children = _written_children(node)
     attributes = [f"{key}={value}" for key, value in node.attributes if _is_plain(key, value)]
     return " ".join([_name(node.name), *gate, *map(_name, children), *attributes]) + ";"
+
+
+def _written_children(node: Node) -> list[str]:
+    """Return the children in the order in which Galileo has them."""
+    turns = {child: turn(node, place) for place, child in enumerate(node.children)}
+    return sorted(node.children, key=turns.__getitem__)
 
 
 def _name(name: str) -> str:

@@ -2,7 +2,8 @@
 
 A monitor observes which parts fail, and in which order. A warm or hot spare may fail before it is
 used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`, as does
-`seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. Gates with
+`seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. `pand`
+has its own module, `priority_and.py`. Gates with
 probabilities or shared spares are refused, because failures do not determine them.
 """
 
@@ -11,13 +12,13 @@ from typing import Final
 
 from rvaft.errors import LanguageError
 from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Located
-from rvaft.model.nodes import Place
+from rvaft.language.priority_and import read_priority_gates, unordered
+from rvaft.model.nodes import Gate, Place
 from rvaft.model.tree import find_cycle
 
 SUFFIXES: Final = (".dft", ".galileo")
 """Extensions of Galileo files, in which `pand` is a dynamic gate, too, and failures persist (`scattered`)."""
 _WHY: Final = {
-    "pand": "the parts below it end from left to right",
     "seq": "its parts fail from left to right",
     "csp": "a cold spare cannot fail before it is used",
     "wsp": "a warm spare may fail before it is used",
@@ -46,11 +47,29 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     below = {child.value for node in draft.nodes.values() for child in node.children()} if uses else set()
     below.update(toplevel.value for toplevel in draft.toplevels)
     for node, (use, place) in uses:
-        if not use.is_dependency:
+        if not use.is_dependency and use.dynamic != "pand":
             idle = use.dynamic == "seq" and node.name not in below
             draft.dynamic_gates.append(_static(draft, node, Located(use, place), "; " + _IDLE if idle else ""))
-    if dependencies:
-        _read_dependencies(draft, dependencies)
+    dependents = _read_dependencies(draft, dependencies) if dependencies else []
+    ordered = {"seq", "csp", "spare"}
+    _drop_order(draft, [node.name for node, (use, _) in uses if use.dynamic in ordered], dependents)
+    read_priority_gates(
+        draft, [(node.name, located.place) for node, located in uses if located.value.dynamic == "pand"]
+    )
+
+
+def _drop_order(draft: Draft, names: list[str], dependents: list[str]) -> None:
+    """Read the gates as `and` whose parts can fail together, or of which a trigger can fail a later part first."""
+    for name in unordered(draft, names, dependents):
+        node = draft.nodes[name]
+        use, place = node.gates[0]
+        if use.gate is not Gate.SAND:
+            continue
+        node.gates = [Located(use._replace(gate=Gate.AND), place)]
+        why = "its parts share or depend on events, and can fail in any order"
+        sentence = f"`{use.dynamic}` of {name} is read as `and`: {why}"
+        gates = draft.dynamic_gates
+        gates[:] = [gate._replace(sentence=sentence) if gate.nodes == (name,) else gate for gate in gates]
 
 
 def is_galileo(file: str) -> bool:
@@ -95,7 +114,8 @@ def _check_spares(uses: list[tuple[DraftNode, Located[GateUse]]]) -> None:
                 raise _error(message, child.place)
 
 
-def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located[GateUse]]]) -> None:
+def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located[GateUse]]]) -> list[str]:
+    """Replace what depends on triggers, and return the names of the new nodes."""
     triggers: dict[str, dict[str, Located[str]]] = {}
     names = {node.name for node, _ in dependencies}
     for node, located in dependencies:
@@ -141,6 +161,7 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located
             trigger, *dependents = (child.value for child in use.children)
             how = f"a failure of {trigger} counts as a failure of {', '.join(dependents)}, too"
             draft.dynamic_gates.append(DynamicGate(place, f"`{use.dynamic}` of {node.name}: {how}", ()))
+    return list(made)
 
 
 def _check_dependency(node: DraftNode, located: Located[GateUse], names: set[str]) -> None:

@@ -362,8 +362,10 @@ def unreachable(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def unused_event(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """Every event type is used by a node or an `ignore`."""
-    used = {node.on.event for node in space.tree.nodes.values() if node.on is not None}
+    """Every event type is used by a node, a `without` or an `ignore`."""
+    nodes = space.tree.nodes.values()
+    used = {node.on.event for node in nodes if node.on is not None}
+    used.update(clause.on.event for node in nodes for clause in node.without)
     used.update(ignore.on.event for ignore in space.tree.ignores)
     for event in space.tree.events.values():
         if event.name not in used:

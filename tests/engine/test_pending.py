@@ -90,6 +90,8 @@ def check_variables(by_branch: dict[int, Reference], pending: tuple[Pending, ...
 def follow(tree: RVAFT, trace: Trace, semantics: str, kind: str | None = None) -> tuple[int, bool]:
     """How many times the engine waited for what the definition says, and whether it ended."""
     by_branch = references(tree, semantics, kind)
+    if not by_branch:
+        return 0, False
     engine = Engine(restrict(tree, kind=kind), semantics)
     before = engine.pending()
     assert told(before) == defined(by_branch)

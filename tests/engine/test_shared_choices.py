@@ -126,3 +126,10 @@ def test_shared_choices_are_those_of_the_definition(seed: int) -> None:
             monitor = compare(tree, events, semantics)
             detected += monitor is not None and monitor.verdict is Verdict.TRUE
     assert detected > 10
+
+
+def test_a_tree_without_a_feasible_scenario_is_no_monitor() -> None:
+    """Also where the rules reach their limit before they find that the ends cannot be in order."""
+    text = 'toplevel "t"; "t" pand g k x y; "g" wsp h k; "h" and z y; "k" and x w;'
+    with pytest.raises(rvaft.TreeError, match="no feasible scenario"):
+        rvaft.monitor(parse(text, "tree.dft").build())

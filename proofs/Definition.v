@@ -118,23 +118,43 @@ Definition IsTime (t : tree) (r : resolution) (m : assigned event) (p : point) (
   | End n => Bounds t r m Z.ge n z
   end.
 
-(** A guard is known when its variables are bound and the events of its time points are there. *)
-Definition Known (t : tree) (r : resolution) (m : assigned event) (g : guard) : Prop :=
-  (forall x, In x (variables g) ->
-     exists o p, In o (domain m) /\ on (node_at t (fst o)) = Some p /\ In x (pattern_variables p)) /\
+(* 2.9: A variable that `distinct` or `each` names stands in the `on` of its leaf and besides only in
+   the leaf's guard, which then has no time points. It is not rigid: each of the N events has its own
+   value of it, and the guard holds for each. For any two of the events, with X, Y and X', Y' their
+   values of `distinct X, Y`, the guard `X != X' or Y != Y'` holds. *)
+(** The assignment for the event of an occurrence: [a] for rigid variables, [own] for the others. *)
+Definition values_for (t : tree) (a : nat -> value) (own : occurrence -> nat -> value) (o : occurrence) (x : nat) :=
+  if is_own t o x then own o x else a x.
+
+(** The event of [p] is there and gives a value to the variable [x] of the occurrence [o]. *)
+Definition GivesValue (t : tree) (m : assigned event) (p o : occurrence) (x : nat) : Prop :=
+  In p (domain m) /\ (exists q, on (node_at t (fst p)) = Some q /\ In x (pattern_variables q)) /\
+  (if is_own t o x then p = o else is_own t p x = false).
+
+(** A guard of [o] is known when its variables are bound and the events of its time points are there. *)
+Definition Known (t : tree) (r : resolution) (m : assigned event) (o : occurrence) (g : guard) : Prop :=
+  (forall x, In x (variables g) -> exists p, GivesValue t m p o x) /\
   (forall p, In p (points g) ->
      match p with
      | At n => In (n, 0) (domain m)
      | Start n | End n => forall o, InPart t r n o -> In o (domain m)
      end).
 
+Definition values_differ (own : occurrence -> nat -> value) (o p : occurrence) (xs : list nat) : guard :=
+  differ (map (fun x => (Constant (own o x), Constant (own p x))) xs).
+
 (** Every event fits its occurrence under one assignment of the variables, and every known guard
     holds under it. *)
 Definition Consistent (t : tree) (r : resolution) (m : assigned event) : Prop :=
-  exists a time,
-    (forall o e, In (o, e) m -> Fits t a o e) /\
+  exists a own time,
+    (forall o e, In (o, e) m -> Fits t (values_for t a own o) o e) /\
     (forall p z, time p = Some z <-> IsTime t r m p z) /\
-    (forall n g, In n (map fst r) -> In g (conditions t n) -> Known t r m g -> holds a time g = true).
+    (forall o g, In (fst o) (map fst r) -> In g (conditions t (fst o)) -> Known t r m o g ->
+       holds (values_for t a own o) time g = true) /\
+    (forall n i j, i < j -> In n (map fst r) -> distinct_values (node_at t n) <> [] ->
+       (forall x, In x (distinct_values (node_at t n)) ->
+          GivesValue t m (n, i) (n, i) x /\ GivesValue t m (n, j) (n, j) x) ->
+       holds a time (values_differ own (n, i) (n, j) (distinct_values (node_at t n))) = true).
 
 (* 2.6: A scenario is infeasible when its precedence is cyclic (a node with an event in the parts of
    two children of one `sand` precedes itself; parts under a `pand` cannot end but with the same
@@ -192,7 +212,7 @@ Definition IsScenario (t : tree) (s : selection) (c : scenario event) : Prop :=
   exists r last, Resolution t r /\ Selected t s r /\ Lasts t r last /\ Feasible t r last /\
     (forall o, In o (occurrences c) <-> Occurs t r o) /\
     (forall p o, Occurs t r p -> Occurs t r o -> (before c p o <-> Precedes t r last p o)) /\
-    (forall m, NoDup (domain m) -> (consistent c m <-> Consistent t r m)).
+    (forall m, NoDup (domain m) -> incl (domain m) (occurrences c) -> (consistent c m <-> Consistent t r m)).
 
 (** ** Section 3: detection *)
 

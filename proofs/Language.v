@@ -145,7 +145,9 @@ Record node := Node {
   times : nat;
   when : option guard;
   within : option Z;
-  kind_of : option kind }.
+  kind_of : option kind;
+  distinct_values : list nat;
+  each_values : list nat }.
 
 Record tree := Tree {
   nodes : list node;
@@ -153,8 +155,17 @@ Record tree := Tree {
   ignores : list (pattern * option guard);
   lateness : option Z }.
 
-Definition nowhere : node := Node Leaf [] None 1 None None None.
+Definition nowhere : node := Node Leaf [] None 1 None None None [] [].
 Definition node_at (t : tree) (n : nat) : node := nth n (nodes t) nowhere.
+
+(** The variables that each event of a node has for itself (clause 2.9). *)
+Definition own_values (d : node) : list nat := distinct_values d ++ each_values d.
+Definition is_own (t : tree) (o : occurrence) (x : nat) : bool :=
+  existsb (Nat.eqb x) (own_values (node_at t (fst o))).
+
+(** For pairs (X, X'), (Y, Y'), ... of values: [X != X' or Y != Y' or ...]. *)
+Definition differ (pairs : list (guard * guard)) : guard :=
+  fold_right (fun one rest => OrElse (Apply Differs [fst one; snd one]) rest) (Constant (Bool false)) pairs.
 
 (** [within D] at a node is the guard [end(n) - start(n) <= D]. *)
 Definition window (n : nat) (d : Z) : guard :=

@@ -250,7 +250,7 @@ Proof.
   intros E c d [O B C]; constructor.
   - intros o; symmetry; auto.
   - intros p o I J. symmetry. apply B; now apply O.
-  - intros m N; symmetry; auto.
+  - intros m N I; symmetry. apply C; auto. intros o J. now apply O, I.
 Qed.
 
 Lemma alike_complete : forall E (c d : scenario E) m, Alike c d -> complete c m -> complete d m.

@@ -739,26 +739,30 @@ Qed.
 
 Definition is_constant (g : guard) : bool := is_nil (variables g) && is_nil (points g).
 
-Definition guards_of (t : tree) (r : resolution) : list guard := flat_map (conditions t) (map fst r).
+Definition guards_of (t : tree) (r : resolution) : list guard := flat_map (guards_at t) (map fst r).
 
-Lemma guards_of_iff : forall t r g, In g (guards_of t r) <-> exists n, In n (map fst r) /\ In g (conditions t n).
+Lemma guards_of_iff : forall t r g, In g (guards_of t r) <-> exists n, In n (map fst r) /\ In g (guards_at t n).
 Proof. intros; unfold guards_of. rewrite in_flat_map. reflexivity. Qed.
 
 Definition constants_hold (guards : list guard) : bool :=
   forallb (holds (fun _ => Null) (fun _ => None)) (filter is_constant guards).
-
-Lemma is_nil_iff : forall A (l : list A), is_nil l = true <-> l = [].
-Proof. intros A [| x l]; simpl; split; congruence. Qed.
 
 Lemma constants_hold_iff : forall t r, constants_hold (guards_of t r) = true <->
   forall n g, In n (map fst r) -> In g (conditions t n) -> variables g = [] -> points g = [] ->
     holds (fun _ => Null) (fun _ => None) g = true.
 Proof.
   intros t r; unfold constants_hold. rewrite forallb_forall. split.
-  - intros H n g I J V P. apply H, filter_In. split; [apply guards_of_iff; eauto |].
-    unfold is_constant. now rewrite V, P.
+  - intros H n g I J V P. replace g with (rename_guard (rename t (n, 0)) g)
+      by (apply rename_guard_same; rewrite V; intros ? []).
+    apply H, filter_In. split.
+    + apply guards_of_iff. exists n; split; auto. apply in_guards_at. left. exists 0, g. repeat split; auto. lia.
+    + unfold is_constant. now rewrite renamed_variables, renamed_points, V, P.
   - intros H g I. apply filter_In in I as [I C]. apply guards_of_iff in I as (n & I & J).
-    apply andb_true_iff in C as [V P]. apply is_nil_iff in V, P. eapply H; eauto.
+    apply andb_true_iff in C as [V P]. apply is_nil_iff in V, P.
+    apply in_guards_at in J as [(i & g' & _ & J & ->) | (i & j & _ & D & ->)].
+    + rewrite renamed_variables in V. rewrite renamed_points in P. apply map_eq_nil in V.
+      rewrite rename_guard_same by (rewrite V; intros ? []). eapply H; eauto.
+    + exfalso. destruct (distinct_values (node_at t n)) as [| x l]; [congruence | discriminate V].
 Qed.
 
 (** ** Selections *)
@@ -901,14 +905,15 @@ Proof.
   - now apply constants_hold_iff.
   - intros o; apply occurrences_iff.
   - intros p o P O. now apply precedes_iff.
-  - intros m N. apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff].
+  - intros m N IN. apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff |].
+    intros o P. apply IN, occurrences_iff in P. apply P.
 Qed.
 
 (** Two descriptions of one scenario. *)
 Record Alike {E} (c d : scenario E) : Prop := {
   alike_occurrences : forall o, In o (occurrences c) <-> In o (occurrences d);
   alike_before : forall p o, In p (occurrences c) -> In o (occurrences c) -> (before c p o <-> before d p o);
-  alike_consistent : forall m, NoDup (domain m) ->
+  alike_consistent : forall m, NoDup (domain m) -> incl (domain m) (occurrences c) ->
     (RVAFT.Definition.consistent c m <-> RVAFT.Definition.consistent d m) }.
 
 Theorem plans_complete : forall t w c, WellFormed t -> IsScenario t w c ->
@@ -929,6 +934,7 @@ Proof.
   - constructor; simpl.
     + intros o. now rewrite O, occurrences_iff.
     + intros p o P P'. apply O in P, P'. rewrite B, <- PRE by auto. symmetry; now apply precedes_iff.
-    + intros m N. rewrite M by auto. symmetry.
-      apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff].
+    + intros m N IN. rewrite M by auto. symmetry.
+      apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff |].
+      intros o P. apply IN, O in P. apply P.
 Qed.

@@ -93,6 +93,8 @@ Definition advance (s : semantics) (m : monitor) (e : E) : monitor :=
   | Running l => settle (map (fun x => (fst x, step s (fst x) e (snd x))) l)
   end.
 Definition is_nil {A} (l : list A) : bool := match l with [] => true | _ => false end.
+Lemma is_nil_iff : forall A (l : list A), is_nil l = true <-> l = [].
+Proof. intros A [| x l]; simpl; split; congruence. Qed.
 Definition verdict_of (m : monitor) : verdict :=
   match m with
   | Done => Top

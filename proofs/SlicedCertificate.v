@@ -93,7 +93,7 @@ Definition shape_atoms (w : selection) : list (list atom) :=
 
 Definition all_timed (w : selection) : bool :=
   let timed := timed_in w in
-  forallb (fun b => b) (selected_scenarios (fun guards part _ _ => guards_timed t timed part guards) t w).
+  basic t && forallb (fun b => b) (selected_scenarios (fun guards part _ _ => guards_timed t timed part guards) t w).
 
 (** The atom of a text binds the variables of an atom of the tree when both have the same pattern, and the
     former has no more guards.  An atom without variables needs none. *)
@@ -160,7 +160,8 @@ Lemma of_scenario_atoms : forall r chosen o, In r (resolutions t) -> selected t 
      (atom_variables q = [] \/ exists q', In q' atoms /\ binds_for q q' = true)).
 Proof.
   intros r chosen o R S C L A. split.
-  - unfold all_timed in timed. rewrite forallb_forall in timed. apply timed. apply in_scenarios.
+  - assert (T := timed). unfold all_timed in T. apply andb_true_iff in T as [_ T]. rewrite forallb_forall in T.
+    apply T, in_scenarios.
     exists r, chosen. repeat split; auto.
   - intros O. destruct (occurrence_atom w r chosen o R S C L A O) as (q & l & Q & IL & IQ). exists q; split; auto.
     unfold all_placed in atoms_placed. unfold text_binds in bound_by_text.
@@ -208,6 +209,9 @@ Definition Paired (c : plan event) (x : shape) : Prop :=
        Partial (denoted (plain slice_satisfies x)) p position m') /\
   plan_occurrences c = shape_occurrences x.
 
+Lemma timed_basic : basic t = true.
+Proof. unfold all_timed in timed. now apply andb_true_iff in timed. Qed.
+
 Lemma paired_shapes : (forall x, In x (slice_shapes w) -> exists c, In c (plans t w) /\ Paired c x) /\
   (forall c, In c (plans t w) -> exists x, In x (slice_shapes w) /\ Paired c x).
 Proof.
@@ -230,8 +234,8 @@ Proof.
       now apply atom_satisfied. }
     split; [| split; [| reflexivity]].
     - intros p position m G H. exists (forget m). split; [apply forget_domain |].
-      eapply (from_slice t r (timed_in w) before C T slice_satisfies _ REQ); eauto.
-    - intros u position m H. eapply (to_slice t r (timed_in w) before RE T slice_satisfies _ REQ); eauto.
+      eapply (from_slice t r (timed_in w) before C timed_basic T slice_satisfies _ REQ); eauto.
+    - intros u position m H. eapply (to_slice t r (timed_in w) before RE timed_basic T slice_satisfies _ REQ); eauto.
       intros o q O Q. destruct (proj2 (ON o) O) as (q0 & Q0 & _ & B). rewrite Q in Q0. injection Q0 as <-.
       destruct B as [N | (q' & I & B)]; [auto | right]. exists q'. split; auto. now apply binds_for_iff. }
   split.

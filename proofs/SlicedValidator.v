@@ -278,7 +278,8 @@ Proof.
   destruct (own_guards t tree_plain _ _ K) as [PG VG]. unfold node_variables in VG. rewrite P in VG.
   assert (IG : In g (scenario_guards t (parts t r) (guards_of t r))).
   { apply in_map_iff. exists g. split; [now apply Clocks.clocked_untimed |]. apply filter_In. split; auto.
-    apply guards_of_iff. exists (fst o). split; auto. apply occurrences_iff in O. apply O. }
+    apply guards_of_iff. exists (fst o). rewrite guards_at_basic by exact (tree_basic t tree_plain).
+    split; auto. apply occurrences_iff in O. apply O. }
   assert (NV : exists x, In x (variables g)).
   { unfold is_constant in N. rewrite PG in N. destruct (variables g) as [| x l]; [discriminate | exists x; simpl;
     auto]. }

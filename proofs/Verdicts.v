@@ -105,22 +105,24 @@ Qed.
 
 (** ** Clause 3.1: in a match every guard holds, where the tree binds what its guards ask for *)
 
-Definition Bound (t : tree) (r : resolution) (g : guard) : Prop :=
+(** The guard [g] of the occurrence [o] has its variables and points bound. *)
+Definition Bound (t : tree) (r : resolution) (o : occurrence) (g : guard) : Prop :=
   (forall x, In x (variables g) ->
-     exists o p, Occurs t r o /\ on (node_at t (fst o)) = Some p /\ In x (pattern_variables p)) /\
+     exists p q, Occurs t r p /\ on (node_at t (fst p)) = Some q /\ In x (pattern_variables q) /\
+       if is_own t o x then p = o else is_own t p x = false) /\
   (forall n, In (At n) (points g) -> Occurs t r (n, 0)).
 
 Theorem every_guard : forall t r m,
-  (forall n g, In n (map fst r) -> In g (conditions t n) -> Bound t r g) ->
   (forall o, Occurs t r o -> In o (domain m)) -> Consistent t r m ->
-  exists a time, (forall o e, In (o, e) m -> Fits t a o e) /\
+  exists a own time, (forall o e, In (o, e) m -> Fits t (values_for t a own o) o e) /\
     (forall p z, time p = Some z <-> IsTime t r m p z) /\
-    (forall n g, In n (map fst r) -> In g (conditions t n) -> holds a time g = true).
+    (forall o g, In (fst o) (map fst r) -> In g (conditions t (fst o)) -> Bound t r o g ->
+       holds (values_for t a own o) time g = true).
 Proof.
-  intros t r m B C (a & time & F & T & G). exists a, time. split; [auto | split; [auto |]].
-  intros n g I J. destruct (B n g I J) as [B1 B2]. apply (G n g I J). split.
-  - intros x X. destruct (B1 x X) as (o & p & O & P). exists o, p; auto.
-  - intros p P. destruct p as [k | k | k]; [apply C, B2, P | |]; intros o [O _]; auto.
+  intros t r m C (a & own & time & F & T & G & _). exists a, own, time. split; [auto | split; [auto |]].
+  intros o g I J [B1 B2]. apply (G o g I J). split.
+  - intros x X. destruct (B1 x X) as (p & q & O & P & V & H). exists p. repeat split; eauto.
+  - intros p P. destruct p as [k | k | k]; [apply C, B2, P | |]; intros p [O _]; auto.
 Qed.
 
 (** ** Clause 2.5: the last position of each part is before that of each later part *)

@@ -210,7 +210,7 @@ let read (v : Json.t) : t =
     | n -> refuse "%d is less than 1" n in
   let made name = within ("node " ^ name) (fun n ->
     List.iter (fun extra -> if field extra n <> None then refuse "`%s` is not supported" extra)
-      [ "without"; "distinct"; "each" ];
+      [ "without" ];
     let gate = gate n in
     let condition = condition rigid n in
     let on = match read_field "on" (optional (call events rigid)) n with
@@ -226,11 +226,20 @@ let read (v : Json.t) : t =
     (match gate with
      | AtLeast k when k < 1 || k > List.length kept -> refuse "threshold: %d of %d children" k (List.length kept)
      | _ -> ());
+    let own name = match field name n with
+      | None -> []
+      | Some v -> within name (fun v ->
+          if gate <> Leaf then refuse "only a leaf has values for each event";
+          List.map (fun x ->
+              if not (Option.fold ~none:false ~some:(fun p -> List.mem (rigid x) (pattern_variables p)) on) then
+                refuse "%s does not stand in `on`" x;
+              rigid x) (texts v)) v in
     { gate_of = gate; children = List.map (Hashtbl.find numbers) kept; on; times;
       when0 = condition; within = read_field "within" (optional big) n;
       kind_of = (match read_field "kind" (optional text) n with
           | None -> None | Some "fault" -> Some Fault | Some "attack" -> Some Attack
-          | Some other -> refuse "unknown kind %s" other) }) (node name) in
+          | Some other -> refuse "unknown kind %s" other);
+      distinct_values = own "distinct"; each_values = own "each" }) (node name) in
   let ignored i = within (Printf.sprintf "ignore %d" (i + 1)) (fun v ->
       let own = numbering () in let on = read_field "on" (call events own) v in (on, condition own v)) in
   let time = optional Fun.id (need "time" v) in

@@ -471,6 +471,17 @@ def differing(right: RVAFT, wrong: RVAFT, semantics: Semantics, random: Random) 
 
 
 @built
+@pytest.mark.parametrize("counted", ["distinct X", "each X"])
+@pytest.mark.parametrize("language", ["ltlf", "automaton"])
+def test_values_of_each_event_are_not_certified(language: str, counted: str) -> None:
+    tree = loads(f"event a(x) = {{ a: x }}; top sand y; y times 2 {counted} on a(X);")
+    text = emitted(tree, language, Semantics.SCATTERED)
+    assert text is not None
+    status, why = certified(tree, text, language, Semantics.SCATTERED)
+    assert (status, why) == (2, "not certified: values of each event (`distinct`, `each`) are not certified")
+
+
+@built
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("seed", sampled(((seed,) for seed in range(6)), 3))
 def test_random_trees_and_mistakes(language: str, seed: int) -> None:

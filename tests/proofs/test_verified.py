@@ -4,7 +4,8 @@ import json
 import math
 import os
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from random import Random
@@ -16,7 +17,7 @@ from click.testing import CliRunner
 from backends.conformance import examples
 from cross_check.campaign import catalogue
 from cross_check.generate.traces import random_trace
-from cross_check.generate.trees import random_tree
+from cross_check.generate.trees import Shape, random_tree
 from cross_check.judges import verified_of
 from cross_check.participants import ENGINE, Absent, Outside, Participant, engine_of
 from cross_check.results import Job, Status
@@ -27,7 +28,7 @@ from rvaft.core.branches import restrict
 from rvaft.engine.monitor import Engine
 from rvaft.export.interchange import json_text
 from rvaft.model.guards import UNDEFINED, Operation, Operator, value
-from rvaft.model.nodes import Kind
+from rvaft.model.nodes import Kind, Node
 from rvaft.model.patterns import Variable
 from rvaft.semantics import Reference
 from tests.faults.test_wrong_trees import compared
@@ -38,7 +39,7 @@ from tests.tables import sampled
 
 pytestmark = built
 
-UNSUPPORTED = ("strptime", "`without`", "`distinct`", "`each`")
+UNSUPPORTED = ("strptime", "`without`")
 
 
 def verified(
@@ -179,7 +180,8 @@ def _typed(pattern: Any, arguments: Sequence[Any] = ()) -> dict[str, Any]:
     [
         ({"version": 3}, "not a tree in JSON"),
         (_node(without=[]), "node b: `without` is not supported"),
-        (_node(distinct=["X"]), "node b: `distinct` is not supported"),
+        (_node(distinct=["X"]), "node b: distinct: X does not stand in `on`"),
+        (_node(gate="and", children=["a"], each=["X"]), "node b: each: only a leaf has values for each event"),
         ({"root": "nobody"}, "unknown node nobody"),
         ({"causality": "sideways"}, "unknown causality sideways"),
         ({"time": {"field": ["t"], "format": "days", "late": None}}, "the time format days is not supported"),
@@ -346,6 +348,49 @@ def test_arithmetic_is_that_of_the_definition(tmp_path: Path, sign: str) -> None
     done = run(tmp_path, tree, "--traces", "--semantics", "scattered", given=given)
     assert done.stdout.replace("\n", "") == expected
     assert expected.count("T") > 100
+
+
+COUNTED = Shape(max_nodes=6, variables=1, typed_events=0.9, counted=0.7, absences=0)
+ADDED: dict[str, tuple[Shape, Callable[[Node], object], Callable[[Node], Node]]] = {
+    "all values of an event are those of the tree": (
+        COUNTED,
+        lambda node: node.own_values,
+        lambda node: replace(node, distinct=(), each=()),
+    ),
+    "`distinct` is read as `each`": (
+        COUNTED,
+        lambda node: node.distinct,
+        lambda node: replace(node, distinct=(), each=node.own_values),
+    ),
+    "`each` is read as `distinct`": (
+        COUNTED,
+        lambda node: node.each,
+        lambda node: replace(node, distinct=node.own_values, each=()),
+    ),
+}
+"""Planted faults: random trees, the nodes that a fault changes, and the fault."""
+
+
+@pytest.mark.parametrize("mistake", sampled(((mistake,) for mistake in ADDED), 3))
+def test_random_trees_and_planted_faults(mistake: str) -> None:
+    """It has the verdicts of the reference for a tree, and others for the tree with the fault."""
+    shape, concerns, fault = ADDED[mistake]
+    random, compared_trees, found_faults = Random(mistake), 0, 0
+    while compared_trees < 12:
+        tree = random_tree(random, shape)
+        if not any(map(concerns, tree.nodes.values())):
+            continue
+        wrong = tree.changed(nodes=[fault(node) if concerns(node) else node for node in tree.nodes.values()])
+        semantics = random.choice([*Semantics])
+        traces = [random_trace(random, tree, max_length=8) for _ in range(30)]
+        right = verdicts(tree, semantics, traces)
+        if right is None:
+            continue
+        first = Reference(tree, semantics)
+        assert right == [tuple(first.fork().run(trace)) for trace in traces]
+        compared_trees += 1
+        found_faults += verdicts(wrong, semantics, traces) != right
+    assert found_faults > 0
 
 
 @pytest.mark.slow

@@ -714,15 +714,28 @@ Proof.
     split; [apply renamed_pattern_variables | intros; apply renamed_fits].
 Qed.
 
-(** No event has values of its own. *)
-Definition basic : bool := forallb (fun d => is_nil (own_values d)) (nodes t).
+(** No event is absent, and none has values of its own. *)
+Definition no_absences : bool := forallb (fun d => is_nil (without d)) (nodes t).
+Definition basic : bool := no_absences && forallb (fun d => is_nil (own_values d)) (nodes t).
+
+Lemma all_nodes : forall (f : node -> bool), f nowhere = true -> forallb f (nodes t) = true ->
+  forall n, f (node_at t n) = true.
+Proof.
+  intros f N B n. rewrite forallb_forall in B. unfold node_at.
+  destruct (nth_in_or_default n (nodes t) nowhere) as [I | I]; [now apply B | now rewrite I].
+Qed.
 
 Lemma basic_own : basic = true -> forall n, own_values (node_at t n) = [].
 Proof.
-  intros B n. unfold basic in B. rewrite forallb_forall in B.
-  destruct (nth_in_or_default n (nodes t) nowhere) as [I | I]; unfold node_at;
-    [now apply is_nil_iff, B | now rewrite I].
+  intros B n. apply andb_true_iff in B as [_ B].
+  now apply is_nil_iff, (all_nodes (fun d => is_nil (own_values d))).
 Qed.
+
+Lemma basic_absences : basic = true -> no_absences = true.
+Proof. intros B. now apply andb_true_iff in B. Qed.
+
+Lemma nothing_absent : no_absences = true -> forall n, without (node_at t n) = [].
+Proof. intros B n. now apply is_nil_iff, (all_nodes (fun d => is_nil (without d))). Qed.
 
 Lemma pattern_at_basic : basic = true -> forall o, pattern_at t o = on (node_at t (fst o)).
 Proof. intros B o. unfold pattern_at. now rewrite basic_own. Qed.
@@ -1010,11 +1023,13 @@ Proof.
       apply N; auto; now apply H.
 Qed.
 
-Theorem consistent_iff : forall m, NoDup (domain m) ->
+(** The assignment of all variables by their names, and those of the definition. *)
+Theorem under_names : forall m, NoDup (domain m) ->
   (forall o, In o (domain m) -> snd o < times (node_at t (fst o))) ->
-  (consistent m = true <-> Consistent t r m).
+  (forall a, Under a m -> ConsistentUnder t r m a (fun o x => a (own_name t o x))) /\
+  (forall a own, ConsistentUnder t r m a own -> Under (named_values t a own) m).
 Proof.
-  intros m N W. rewrite consistent_under. unfold Under, Consistent.
+  intros m N W. unfold Under, ConsistentUnder.
   assert (T : forall time, (forall p z, time p = Some z <-> IsTime t r m p z) -> forall p, time p = time_at part m p).
   { intros time H p. destruct (time_at part m p) as [z |] eqn:Q.
     - apply H, (time_at_iff t r m part); auto.
@@ -1042,7 +1057,7 @@ Proof.
       apply Nat.eqb_refl.
     - apply (in_names t n). unfold names_at. apply in_app_iff; right. apply in_app_iff; auto. }
   split.
-  - intros (a' & FA & GA). exists a', (fun o x => a' (own_name t o x)), (time_at part m).
+  - intros a' (FA & GA). exists (time_at part m).
     assert (SAME : forall o x, x < fresh t -> a' (rename t o x) = values_for t a' (fun o x => a' (own_name t o x)) o x).
     { intros o x _. unfold rename, values_for. destruct (is_own t o x); auto. }
     split; [| split; [| split]].
@@ -1069,7 +1084,7 @@ Proof.
         destruct (distinct_values (node_at t n)) as [| x l]; [congruence |].
         destruct (K x) as [_ (M & _)]; [simpl; auto |]. apply W in M. simpl in M. lia.
       * apply known_iff, differ_known; auto.
-  - intros (a & own & time & FA & C & GA & DA). exists (named_values t a own). split.
+  - intros a own (time & FA & C & GA & DA). split.
     + intros o e I. apply (F _ a own); auto. intros; now apply named_under.
     + intros g J K. apply guards_iff in J as (n & I & J). apply known_iff in K.
       assert (X : forall o, fst o = n -> forall g0, In g0 (conditions t n) -> 
@@ -1082,6 +1097,14 @@ Proof.
       * rewrite (names_differ_holds t (n, i) (n, j) _ _ _ a time own).
         -- apply DA; auto. apply differ_known; auto.
         -- intros x Y. destruct (D n x Y i) as [_ Z]. now rewrite !named_own.
+Qed.
+
+Theorem consistent_iff : forall m, NoDup (domain m) ->
+  (forall o, In o (domain m) -> snd o < times (node_at t (fst o))) ->
+  (consistent m = true <-> Consistent t r m).
+Proof.
+  intros m N W. rewrite consistent_under. destruct (under_names m N W) as [A B].
+  split; [intros (a & H); eexists; eexists; eauto | intros (a & own & H); eauto].
 Qed.
 
 Lemma is_known_basic : forall m o g, basic t = true -> (Known t r m o g <-> IsKnown m g).

@@ -145,8 +145,9 @@ Definition values_differ (own : occurrence -> nat -> value) (o p : occurrence) (
 
 (** Every event fits its occurrence under one assignment of the variables, and every known guard
     holds under it. *)
-Definition Consistent (t : tree) (r : resolution) (m : assigned event) : Prop :=
-  exists a own time,
+Definition ConsistentUnder (t : tree) (r : resolution) (m : assigned event) (a : nat -> value)
+  (own : occurrence -> nat -> value) : Prop :=
+  exists time,
     (forall o e, In (o, e) m -> Fits t (values_for t a own o) o e) /\
     (forall p z, time p = Some z <-> IsTime t r m p z) /\
     (forall o g, In (fst o) (map fst r) -> In g (conditions t (fst o)) -> Known t r m o g ->
@@ -155,6 +156,75 @@ Definition Consistent (t : tree) (r : resolution) (m : assigned event) : Prop :=
        (forall x, In x (distinct_values (node_at t n)) ->
           GivesValue t m (n, i) (n, i) x /\ GivesValue t m (n, j) (n, j) x) ->
        holds a time (values_differ own (n, i) (n, j) (distinct_values (node_at t n))) = true).
+
+Definition Consistent (t : tree) (r : resolution) (m : assigned event) : Prop :=
+  exists a own, ConsistentUnder t r m a own.
+
+(** *** Absent events (section 1.5), in a trace where [m] has its events at [position] *)
+
+Section Absent.
+Variable t : tree.
+Variable r : resolution.
+Variable trace : list event.
+Variable position : occurrence -> nat.
+Variable m : assigned event.
+
+(** The events of the part of [n] that are there, and whether all are. *)
+Definition There (n : nat) (o : occurrence) : Prop := InPart t r n o /\ In o (domain m).
+Definition AllThere (n : nat) : Prop := forall o, InPart t r n o -> In o (domain m).
+
+(** The clause [for D after] of [n] is decided at a position: its time exceeds end(n) + D + L. *)
+Definition DecidedAt (n : nat) (d : Z) (i : nat) : Prop :=
+  AllThere n /\ (forall o, InPart t r n o -> position o < i) /\
+  exists e z ends, nth_error trace i = Some e /\ time_of e = Some z /\ IsTime t r m (End n) ends /\
+    (ends + d + match lateness t with Some l => l | None => 0 end < z)%Z.
+
+(** The positions that may break a clause of [n].  Before all events of the part are there, the last
+    position is not known, and start(n) is at most each time so far. *)
+Definition MayBreak (n : nat) (s : side) (i : nat) : Prop :=
+  match s with
+  | During => (exists o, There n o /\ position o < i) /\ (AllThere n -> exists o, There n o /\ i < position o)
+  | After d => AllThere n /\ (forall o, InPart t r n o -> position o < i) /\
+      (exists e z ends, nth_error trace i = Some e /\ time_of e = Some z /\ IsTime t r m (End n) ends /\
+         (z <= ends + d)%Z) /\
+      ~ exists j, j < i /\ DecidedAt n d j
+  | Before d => (exists o, There n o) /\ (forall o, There n o -> i < position o) /\
+      match d with
+      | None => True
+      | Some d => exists e z o f z', nth_error trace i = Some e /\ time_of e = Some z /\
+          There n o /\ In (o, f) m /\ time_of f = Some z' /\ (z' - d <= z)%Z
+      end
+  end.
+
+(** The variables that the clause shares with the tree are bound. *)
+Definition AbsenceKnown (c : absence) : Prop :=
+  forall x, In x (absence_variables c) -> shared t x = true ->
+  exists p, In p (domain m) /\ (exists q, on (node_at t (fst p)) = Some q /\ In x (pattern_variables q)) /\
+    is_own t p x = false.
+
+(** A position breaks a clause under an assignment, extended to the clause's own variables. *)
+Definition Breaks (a : nat -> value) (n : nat) (c : absence) (i : nat) : Prop :=
+  MayBreak n (side_of c) i /\ ~ (exists o, In o (domain m) /\ position o = i) /\
+  exists e a', nth_error trace i = Some e /\ late e = false /\
+    (forall x, shared t x = true -> a' x = a x) /\ fits_pattern a' (absent c) (content e) /\
+    match absent_when c with Some g => holds a' (fun _ => None) g = true | None => True end.
+
+Definition has_duration (s : side) : bool := match s with After _ | Before (Some _) => true | _ => false end.
+
+(* 3.6: Every `without` of the scenario's nodes holds (1.5). *)
+(** No position breaks a clause, as far as the events of its part are there; with an undefined time of
+    the part, a clause with a duration does not hold. *)
+Definition AbsenceHolds (a : nat -> value) (n : nat) (c : absence) : Prop :=
+  (has_duration (side_of c) = true -> AllThere n -> exists z, IsTime t r m (End n) z) /\
+  (AbsenceKnown c -> forall i, ~ Breaks a n c i).
+
+Definition Unbroken : Prop :=
+  exists a own, ConsistentUnder t r m a own /\
+    forall n c, In n (map fst r) -> In c (without (node_at t n)) -> AbsenceHolds a n c.
+
+Definition Decided : Prop :=
+  forall n c d, In n (map fst r) -> In c (without (node_at t n)) -> side_of c = After d -> exists i, DecidedAt n d i.
+End Absent.
 
 (* 2.6: A scenario is infeasible when its precedence is cyclic (a node with an event in the parts of
    two children of one `sand` precedes itself; parts under a `pand` cannot end but with the same
@@ -167,12 +237,16 @@ Definition Feasible (t : tree) (r : resolution) (last : nat -> nat -> occurrence
   (forall n g, In n (map fst r) -> In g (conditions t n) -> variables g = [] -> points g = [] ->
      holds (fun _ => Null) (fun _ => None) g = true).
 
-(** What sections 3 and 4 need of a scenario. *)
+(** What sections 3 and 4 need of a scenario: beside its order and the conditions on an assignment, those
+    on what the trace has at the other positions. *)
 Record scenario E := Scenario {
   occurrences : list occurrence;
   before : occurrence -> occurrence -> Prop;
-  consistent : assigned E -> Prop }.
-Arguments occurrences {E}. Arguments before {E}. Arguments consistent {E}.
+  consistent : assigned E -> Prop;
+  unbroken : list E -> (occurrence -> nat) -> assigned E -> Prop;
+  decided : list E -> (occurrence -> nat) -> assigned E -> Prop }.
+Arguments occurrences {E}. Arguments before {E}. Arguments consistent {E}. Arguments unbroken {E}.
+Arguments decided {E}.
 
 (* 2.8: A branch, the unit that properties are extracted from, resolves only the `or` gates and keeps
    `KofN`. Branches are numbered from 1, in Python too; the `or` nearest the root varies fastest
@@ -207,12 +281,17 @@ Definition Selected (t : tree) (s : selection) (r : resolution) : Prop :=
 
 (* 2.7: A scenario is thus a labelled partial order of occurrences plus guards, and the tree is the
    union of its feasible scenarios. *)
-(** The feasible scenarios of a tree; under [pand] one for each way in which its parts end. *)
-Definition IsScenario (t : tree) (s : selection) (c : scenario event) : Prop :=
+(** The feasible scenarios of a tree; under [pand] one for each way in which its parts end.  [past] are
+    the events before the trace, with which only absent events are concerned. *)
+Definition IsScenario (t : tree) (s : selection) (past : list event) (c : scenario event) : Prop :=
   exists r last, Resolution t r /\ Selected t s r /\ Lasts t r last /\ Feasible t r last /\
     (forall o, In o (occurrences c) <-> Occurs t r o) /\
     (forall p o, Occurs t r p -> Occurs t r o -> (before c p o <-> Precedes t r last p o)) /\
-    (forall m, NoDup (domain m) -> incl (domain m) (occurrences c) -> (consistent c m <-> Consistent t r m)).
+    (forall m, NoDup (domain m) -> incl (domain m) (occurrences c) -> (consistent c m <-> Consistent t r m)) /\
+    (forall trace position m, NoDup (domain m) -> incl (domain m) (occurrences c) -> consistent c m ->
+       let at_position := fun o => length past + position o in
+       (unbroken c trace position m <-> Unbroken t r (past ++ trace) at_position m) /\
+       (decided c trace position m <-> Decided t r (past ++ trace) at_position m)).
 
 (** ** Section 3: detection *)
 
@@ -257,8 +336,15 @@ Definition match_positions (s : semantics) (trace : list E) (used : nat -> Prop)
   | Scattered => True
   end.
 
+(* 4.7: Absent events. The match of 4.1 has all its clauses `for D after` decided (1.5). In a partial
+   match no position of u breaks a `without`, whatever events follow: of a part with some, not all of
+   its events, p₁ is known, p₂ and end(n) are not, and start(n) is at most the least defined time so
+   far. A match with a clause that is not decided counts as a partial match, which has all its
+   occurrences and which later positions do not extend. After a repetition, events before the last
+   detection can still break a `without … before`. *)
 Definition Match (s : semantics) (c : scenario E) (trace : list E) : Prop :=
-  exists position m, Partial c trace position m /\ complete c m /\ match_positions s trace (Used position m).
+  exists position m, Partial c trace position m /\ complete c m /\ match_positions s trace (Used position m) /\
+    unbroken c trace position m /\ decided c trace position m.
 
 (** ** Section 4: verdicts *)
 
@@ -283,7 +369,9 @@ Definition partial_positions (s : semantics) (trace : list E) (used : nat -> Pro
   end.
 
 Definition PartialMatch (s : semantics) (c : scenario E) (trace : list E) : Prop :=
-  exists position m, Partial c trace position m /\ ~ complete c m /\ partial_positions s trace (Used position m).
+  exists position m, Partial c trace position m /\ unbroken c trace position m /\
+    (~ complete c m /\ partial_positions s trace (Used position m) \/
+     complete c m /\ match_positions s trace (Used position m) /\ ~ decided c trace position m).
 
 Definition Left (s : semantics) (trace : list E) : Prop := exists c, Scenarios c /\ PartialMatch s c trace.
 
@@ -304,17 +392,25 @@ Definition Verdict (s : semantics) (trace : list E) (v : verdict) : Prop :=
    AFTER MATCH SKIP PAST LAST ROW). So the verdict is ⊤ at each event that detects, and after others
    what it is for the events since the last detection; ⊥ stays final. Positions count in the whole
    trace, and an event is late by the times of the whole trace. *)
-(** The events since the last detection, if monitoring starts afresh after each. *)
+End Detection.
+
+Section Repetition.
+Context {E : Type}.
+Variable Relevant : E -> Prop.
+Variable Scenarios : list E -> scenario E -> Prop.       (* after events of the past *)
+
+(** The events up to the last detection and since it, if monitoring starts afresh after each. *)
 Inductive Since (s : semantics) : list E -> list E -> Prop :=
 | since_start : Since s [] []
-| since_before : forall trace recent e,
-    Since s trace recent -> ~ Detected s recent -> Since s (trace ++ [e]) (recent ++ [e])
-| since_detection : forall trace recent e,
-    Since s trace recent -> Detected s recent -> Since s (trace ++ [e]) [e].
+| since_before : forall past recent e,
+    Since s past recent -> ~ Detected Relevant (Scenarios past) s recent -> Since s past (recent ++ [e])
+| since_detection : forall past recent e,
+    Since s past recent -> Detected Relevant (Scenarios past) s recent -> Since s (past ++ recent) [e].
 
 Definition RepeatedVerdict (s : semantics) (trace : list E) (v : verdict) : Prop :=
-  exists recent, Since s trace recent /\ Verdict s recent v.
-End Detection.
+  exists past recent, trace = past ++ recent /\ Since s past recent /\
+    Verdict Relevant (Scenarios past) s recent v.
+End Repetition.
 
 (** ** The verdict of a tree on a log *)
 
@@ -355,7 +451,7 @@ Definition RelevantEvent (t : tree) (e : event) : Prop :=
 (* 3.5: A monitor for one branch or one kind uses the scenarios of those branches and the alphabet of
    the whole tree. *)
 Definition VerdictOfTree (t : tree) (w : selection) (s : semantics) (trace : list event) (v : verdict) : Prop :=
-  Verdict (RelevantEvent t) (IsScenario t w) s trace v.
+  Verdict (RelevantEvent t) (IsScenario t w []) s trace v.
 
 Definition RepeatedVerdictOfTree (t : tree) (w : selection) (s : semantics) (trace : list event) (v : verdict) : Prop :=
   RepeatedVerdict (RelevantEvent t) (IsScenario t w) s trace v.

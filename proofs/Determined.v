@@ -266,7 +266,8 @@ Proof.
   cbn [atom_pattern atom_time atom_guards]. split.
   - intros (a & U).
     assert (UM := under_rest a o e m U).
-    destruct (proj1 U o e) as (L & p' & P' & F); [simpl; auto |]. rewrite pattern_at_basic, P in P' by exact simple. injection P' as <-.
+    destruct (proj1 U o e) as (L & p' & P' & F); [simpl; auto |].
+    rewrite pattern_at_basic, P in P' by exact simple. injection P' as <-.
     assert (V : forall x, In x (pattern_variables p) -> b' x = Some (a x)).
     { intros x X. unfold completed. destruct (OLD a x UM X) as [[_ ->] | (_ & -> & ->)]; auto.
       apply found_fits with p; auto. now apply Conditions.member_iff. }
@@ -306,7 +307,8 @@ Proof.
         intros x X. now rewrite AP.
       * destruct (proj1 U0 o' e' I) as (L' & p' & P' & F'). split; auto. exists p'; split; auto.
         apply fits_pattern_same with a0; auto. intros x X. symmetry. apply AM. apply in_flat_map. exists o'.
-        split; [apply in_domain; eauto |]. unfold node_variables. rewrite pattern_at_basic in P' by exact simple. now rewrite P'.
+        split; [apply in_domain; eauto |]. unfold node_variables. rewrite pattern_at_basic in P' by exact simple.
+        now rewrite P'.
     + intros g I K. apply known_untimed in K; auto. rewrite VO in K.
       destruct (existsb (fun x => mentions x p) (variables g)) eqn:X.
       * assert (C : is_constant g = false).
@@ -656,7 +658,7 @@ Notation reached := (automaton_after sat numbers s (slice_shapes t ps qs w)).
 
 Lemma alike_correct : forall u p, Alike u p -> SameStates u p -> VerdictOfTree t w s u (verdict_at (reached p)).
 Proof.
-  intros u p A S. apply (tree_plans_verdict t w well). rewrite automaton_verdict by auto.
+  intros u p A S. apply (tree_plans_verdict t w well untimed_basic). rewrite automaton_verdict by auto.
   rewrite <- scene_shapes, map_map, <- (alike_verdict u p A S), scene_plans. apply verdict_correct.
   now apply plans_lawful.
 Qed.

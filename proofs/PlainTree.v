@@ -183,7 +183,8 @@ Lemma own_guards : forall n g, In g (conditions t n) -> points g = [] /\ incl (v
 Proof.
   intros n g I. destruct (le_lt_dec (length (nodes t)) n) as [L | L];
     [rewrite outside_conditions in I by auto; destruct I |].
-  assert (tp := tree_plain). unfold plain_tree in tp. apply andb_true_iff in tp as [_ tp]. rewrite forallb_forall in tp.
+  assert (tp := tree_plain). unfold plain_tree in tp. apply andb_true_iff in tp as [_ tp].
+  rewrite forallb_forall in tp.
   assert (P := tp n (proj2 (in_seq _ _ _) (conj (Nat.le_0_l n) L))). unfold plain_node in P.
   rewrite !andb_true_iff in P. destruct P as [[P _] _]. rewrite forallb_forall in P. apply P in I.
   apply andb_true_iff in I as [I J]. rewrite forallb_forall in J. split; [now apply is_nil_iff |].
@@ -197,7 +198,8 @@ Proof.
   assert (B : forall n, In x (node_variables t n) -> n < length (nodes t)).
   { intros k K. destruct (le_lt_dec (length (nodes t)) k) as [L | L]; auto. unfold node_variables in K.
     rewrite nowhere_outside in K by auto. destruct K. }
-  assert (tp := tree_plain). unfold plain_tree in tp. apply andb_true_iff in tp as [_ tp]. rewrite forallb_forall in tp.
+  assert (tp := tree_plain). unfold plain_tree in tp. apply andb_true_iff in tp as [_ tp].
+  rewrite forallb_forall in tp.
   assert (P := tp n (proj2 (in_seq _ _ _) (conj (Nat.le_0_l n) (B n I)))). unfold plain_node in P.
   rewrite !andb_true_iff in P. destruct P as [[_ T] P]. split.
   - rewrite forallb_forall in P. specialize (P m (proj2 (in_seq _ _ _) (conj (Nat.le_0_l m) (B m J)))).
@@ -286,7 +288,8 @@ Qed.
 
 Lemma plan_represented : forall w d, In d (plans t w) -> Represents (satisfies t ps) (shape_of t ps d) (denoted d).
 Proof.
-  intros w d I. destruct (plans_sound t w d well I) as (r & last & R & _ & _ & [_ C] & O & _ & K).
+  intros w d I. assert (SD := plans_sound t w [] d well (basic_absences t tree_basic) I).
+  destruct SD as (r & last & R & _ & _ & [_ C] & O & _ & K & _).
   constructor; simpl.
   - tauto.
   - tauto.
@@ -300,18 +303,23 @@ Proof.
       * exists q; split; auto. now rewrite (predicate_numbered (fst o) q e P) in H.
       * exfalso. assert (OC : Occurs t r o) by (apply O, IN, in_domain; eauto). destruct OC as (_ & ON & _).
         unfold predicate_of in P. destruct (on (node_at t (fst o))); [discriminate | auto].
+  - apply denoted_quiet.
 Qed.
 
 (** The shapes of a plain tree represent its scenarios. *)
-Theorem tree_represented : forall w, represented (satisfies t ps) (IsScenario t w) (tree_shapes t w ps).
+Theorem tree_represented : forall w, represented (satisfies t ps) (IsScenario t w []) (tree_shapes t w ps).
 Proof.
   intros w; split.
-  - intros c I. destruct (plans_complete t w c well I) as (d & J & [AO AB AC]). exists (shape_of t ps d).
-    split; [now apply in_map |]. destruct (plan_represented w d J) as [SO SP SC]. constructor.
+  - intros c I. assert (CQ := scenario_quiet t w [] c (basic_absences t tree_basic) I).
+    destruct (plans_complete t w [] c well (basic_absences t tree_basic) I) as (d & J & [AO AB AC _]).
+    exists (shape_of t ps d).
+    split; [now apply in_map |]. destruct (plan_represented w d J) as [SO SP SC _]. constructor.
     + intros o. rewrite (AO o). apply SO.
     + intros p o P O. rewrite <- SP by auto. apply AB; now apply AO, SO.
     + intros m ND IN. rewrite <- SC by auto. apply AC; auto. intros o Q. now apply AO, SO, IN.
-  - intros x I. apply in_map_iff in I as (d & <- & I). exists (denoted d). split; [now apply plans_sound |].
+    + exact CQ.
+  - intros x I. apply in_map_iff in I as (d & <- & I). exists (denoted d).
+    split; [apply plans_sound; auto using basic_absences, tree_basic |].
     now apply plan_represented with w.
 Qed.
 

@@ -259,19 +259,21 @@ Theorem sliced_detected : forall s u, Detected Rel (Scenarios (plans t w)) s u <
   exists p, Slice atoms u p /\ SliceDetected s p.
 Proof.
   intros s u. split.
-  - intros (v & v' & c & -> & (d & I & ->) & position & m & P & C & M).
+  - intros (v & v' & c & -> & (d & I & ->) & H). apply (quiet_match _ _ _ _ _ (denoted_quiet _ _)) in H
+      as (position & m & P & C & M).
     destruct (proj2 paired_shapes d I) as (x & J & _ & T & O). destruct (T v position m P) as (p & m' & S & D & P').
     destruct (slice_keeps atoms v p v' S) as (p' & S'). exists (p ++ p'). split; auto.
     exists p, p', (denoted (plain slice_satisfies x)). split; auto. split; [exists (plain slice_satisfies x);
       split; auto;
-      now apply in_map |]. exists position, m'. split; auto. split.
+      now apply in_map |]. apply quiet_match; [apply denoted_quiet |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ d); eauto.
     + apply (positions_slice s p position m m' D). now rewrite <- (slice_events atoms v p S).
-  - intros (p & S & (v & v' & c & -> & (d & I & ->) & position & m & P & C & M)).
+  - intros (p & S & (v & v' & c & -> & (d & I & ->) & H)).
+    apply (quiet_match _ _ _ _ _ (denoted_quiet _ _)) in H as (position & m & P & C & M).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     assert (G := growing_prefix _ _ (slice_growing _ _ _ S)). destruct (F v position m G P) as (m' & D & P').
     apply slice_events in S as ->. rewrite map_app. exists (map fst v), (map fst v'), (denoted c). split; auto.
-    split; [exists c; auto |]. exists position, m'. split; auto. split.
+    split; [exists c; auto |]. apply quiet_match; [apply denoted_quiet |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
     + now apply (positions_slice s v position m' m (eq_sym D)).
 Qed.
@@ -280,30 +282,36 @@ Qed.
 Theorem sliced_left : forall s u, Left Rel (Scenarios (plans t w)) s u <-> exists p, Slice atoms u p /\ SliceLeft s p.
 Proof.
   intros s u. split.
-  - intros (c & (d & I & ->) & position & m & P & C & M).
+  - intros (c & (d & I & ->) & H).
+      apply (quiet_left _ _ _ _ _ (denoted_quiet _ _)) in H as (position & m & P & C & M).
     destruct (proj2 paired_shapes d I) as (x & J & _ & T & O). destruct (T u position m P) as (p & m' & S & D & P').
     exists p. split; auto. exists (denoted (plain slice_satisfies x)).
-    split; [exists (plain slice_satisfies x); split; auto; now apply in_map |]. exists position, m'. split; auto.
-      split.
+    split; [exists (plain slice_satisfies x); split; auto; now apply in_map |].
+    apply quiet_left; [apply denoted_quiet |]. exists position, m'. split; auto. split.
     + intros C'. apply C. eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
     + apply (positions_slice s p position m m' D). now rewrite <- (slice_events atoms u p S).
-  - intros (p & S & (c & (d & I & ->) & position & m & P & C & M)).
+  - intros (p & S & (c & (d & I & ->) & H)).
+    apply (quiet_left _ _ _ _ _ (denoted_quiet _ _)) in H as (position & m & P & C & M).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     destruct (F p position m (slice_growing _ _ _ S) P) as (m' & D & P').
-    rewrite (slice_events _ _ _ S). exists (denoted c). split; [exists c; auto |]. exists position, m'.
-    split; auto. split.
+    rewrite (slice_events _ _ _ S). exists (denoted c). split; [exists c; auto |].
+    apply quiet_left; [apply denoted_quiet |]. exists position, m'. split; auto. split.
     + intros C'. apply C. eapply (complete_domain _ _ c); eauto.
     + now apply (positions_slice s p position m' m (eq_sym D)).
 Qed.
 
-Lemma tree_plans_verdict : forall s u v, VerdictOfTree t w s u v <-> Verdict Rel (Scenarios (plans t w)) s u v.
+Lemma tree_plans_verdict : basic t = true ->
+  forall s u v, VerdictOfTree t w s u v <-> Verdict Rel (Scenarios (plans t w)) s u v.
 Proof.
-  intros s u v. unfold VerdictOfTree.
-  assert (A : forall c, IsScenario t w c -> exists d, Scenarios (plans t w) d /\ Alike c d).
-  { intros c I. destruct (plans_complete t w c well I) as (d & J & A). exists (denoted d); split; auto.
+  intros simple s u v. unfold VerdictOfTree.
+  assert (A : forall c, IsScenario t w [] c -> exists d, Scenarios (plans t w) d /\ Alike c d).
+  { intros c I. destruct (plans_complete t w [] c well (basic_absences t simple) I) as (d & J & A).
+    exists (denoted d); split; auto.
     exists d; auto. }
-  assert (B : forall c, Scenarios (plans t w) c -> exists d, IsScenario t w d /\ Alike c d).
-  { intros c (d & I & ->). exists (denoted d). split; [now apply plans_sound |]. constructor; intros; reflexivity. }
+  assert (B : forall c, Scenarios (plans t w) c -> exists d, IsScenario t w [] d /\ Alike c d).
+  { intros c (d & I & ->). exists (denoted d). split.
+    - apply plans_sound; auto using basic_absences.
+    - constructor; intros; reflexivity || (split; reflexivity). }
   split; apply verdict_same; auto; intros e.
   - symmetry. now apply relevant_event_iff.
   - now apply relevant_event_iff.
@@ -325,7 +333,7 @@ Proof.
   { rewrite D, L. split.
     - intros H. split; intros (p & S & K); specialize (H p S); apply (X p Bottom) in H; simpl in H; tauto.
     - intros [N M] p S. apply (X p Bottom). split; intros K; [apply N | apply M]; eauto. }
-  intros v. rewrite tree_plans_verdict. destruct v; [exact T | exact B |].
+  intros v. rewrite (tree_plans_verdict timed_basic). destruct v; [exact T | exact B |].
   unfold SliceVerdict. cbv zeta. rewrite T, B.
   pose proof (verdict_correct (relevant_event t) s (plans t w) u (plans_lawful t w well)) as V'.
   simpl. destruct (verdict_of _); simpl in V'; tauto.

@@ -326,7 +326,7 @@ Proof.
   rewrite TV. apply plain_text_verdict.
   - apply (tree_acyclic t w (satisfies t own) (tree_shapes t w own) RE).
   - now apply own_servable with ps qs.
-  - intros u'. rewrite <- (TV u' Top), (tree_plans_verdict t w W s u' Top).
+  - intros u'. rewrite <- (TV u' Top), (tree_plans_verdict t w W (tree_basic t tree_plain) s u' Top).
     change (Verdict (fun e => relevant_event t e = true) (Scenarios (plans t w)) s u' Top)
       with (Detected (fun e => relevant_event t e = true) (Scenarios (plans t w)) s u').
     rewrite (sliced_detected t ps qs w atoms W P T B). split; intros (p & S & K); exists p; split; auto; now apply A.

@@ -106,15 +106,17 @@ let run () =
     | Some other, None -> fail "unknown kind %s" other
     | None, Some choices -> OneBranch (List.map choice choices)
     | Some _, Some _ -> fail "--kind and --choose exclude each other" in
-  let begin_ = first tree selection in
+  let start = first_after tree selection in
+  let begin_ = start [] in
   (* The first state follows the feasible scenarios that are selected. *)
-  (match begin_, selection with
-   | Active [], OfKind k when not (List.exists (has_kind tree k) (branches tree)) ->
+  let scenarios = match begin_ with Pruned (Active []) | Watched (Watching (_, [])) -> false | _ -> true in
+  (match scenarios, selection with
+   | false, OfKind k when not (List.exists (has_kind tree k) (branches tree)) ->
      fail "no branch has the kind %s" (Option.get !kind)
-   | Active [], Everything -> fail "%s: no feasible scenario" tree_file
-   | Active [], OneBranch _ -> fail "no feasible scenario: --choose names a child for each `or` that the branch reaches"
-   | Active [], OfKind _ -> fail "no feasible scenario"
-   | _ -> ());
+   | false, Everything -> fail "%s: no feasible scenario" tree_file
+   | false, OneBranch _ -> fail "no feasible scenario: --choose names a child for each `or` that the branch reaches"
+   | false, OfKind _ -> fail "no feasible scenario"
+   | true, _ -> ());
   match !certify with
   | Some file ->
     (match Certify.certify read selection semantics (Option.value ~default:1_000_000 !limit) (Json.parse
@@ -125,7 +127,7 @@ let run () =
      | exception Json.Bad (place, why) -> fail "%s: byte %d: %s" file place why)
   | None ->
   let step = next tree semantics in
-  let step = if !repeat then next_repeated begin_ step else step in
+  let step = if !repeat then next_repeated start step else step in
   let time_of_value v = match time with
     | None -> None
     | Some (path, format) -> Option.bind (Clock.at path v) (Clock.read format) in

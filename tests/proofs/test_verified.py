@@ -109,7 +109,7 @@ def test_without_the_program_it_is_missing() -> None:
     [
         "time t as s late 2 s; top and x c within 4 s; x sand a b;",
         'time t as s late 2 s; event e(n) = { event: n }; top sand a b without e("z") for 3 s before;',
-        'time t as s; event e(n) = { event: n }; top or a c without e("z") for 1 s after without e("b") for 2 s before;',
+        'time t as s; event e(n) = { event: n }; g or a c without e("z") for 1 s after without e("b") for 2 s before;',
     ],
 )
 def test_repetition_is_that_of_the_engine(tmp_path: Path, text: str) -> None:

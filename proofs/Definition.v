@@ -1,4 +1,4 @@
-(** * The meaning of a tree: sections 2 to 4 of [docs/semantics.md]
+(** * The meaning of a tree: section 1.5 and sections 2 to 4 of [docs/semantics.md]
 
     Each definition stands below the clause that it states, quoted from that page with its number.
     The definitions are declarative: nothing here is computed.  [Monitor.v] proves that the
@@ -160,8 +160,26 @@ Definition ConsistentUnder (t : tree) (r : resolution) (m : assigned event) (a :
 Definition Consistent (t : tree) (r : resolution) (m : assigned event) : Prop :=
   exists a own, ConsistentUnder t r m a own.
 
-(** *** Absent events (section 1.5), in a trace where [m] has its events at [position] *)
+(** *** Absent events, in a trace where [m] has its events at [position] *)
 
+(* 1.5: `without CALL [when GUARD] [for D after | [for D] before]` at a node n says that an event is
+   not there. A variable of CALL or GUARD that occurs in the `on` of no node is the clause's own.
+   CALL is an event type with arguments, and GUARD has no time points. In a match (section 3), let
+   p₁ and p₂ be the first and the last position of the events of n's part. A position breaks the
+   clause if the match does not use it, its event is not late and matches CALL, and GUARD holds,
+   under the assignment of the match extended to the clause's own variables. The clause holds if
+   none of these breaks it: | clause | positions q that may break it | | `without E` | p₁ < q < p₂ |
+   | `without E for D after` | q > p₂ with τ(q) <= end(n) + D, before the clause is decided | |
+   `without E for D before` | q < p₁ with τ(q) >= start(n) - D | | `without E before` | q < p₁ |
+   `for D after` is decided at the first position after p₂ whose defined τ exceeds end(n) + D + L,
+   where L is the duration of `late`, else 0. With an undefined start(n) or end(n) a clause with a
+   duration does not hold; a position with undefined τ breaks none with a duration. The events of a
+   `without` are not relevant by it (3.4). Under `projected` and `consecutive`, irrelevant positions
+   between the used ones can break it, too. The other variables, which the clause shares with the
+   tree, must be bound when they are needed, in every feasible scenario: without `after` by each
+   occurrence of n's part that may come first or one before it, with `after` by an occurrence of n's
+   part or one before such an occurrence. A node with a `without` whose part has no occurrence in a
+   feasible scenario, and a duration in a tree without `time`, are errors as in 1.2. *)
 Section Absent.
 Variable t : tree.
 Variable r : resolution.

@@ -405,6 +405,24 @@ Definition Verdict (s : semantics) (trace : list E) (v : verdict) : Prop :=
   | Unknown => ~ Detected s trace /\ Left s trace
   end.
 
+(* 4.8: Passing time. No condition looks at the machine's clock. A live monitor may be given a time
+   t that has come; that is an event of time t without content, at no position. It may be given the
+   end of the trace: then every `for D after` of a match is decided. With `--key`, the time of an
+   event of another key decides, too, but makes no event late. *)
+(** The end of the trace; a time that has come is not stated. *)
+Definition at_end (c : scenario E) : scenario E :=
+  Scenario E (occurrences c) (before c) (consistent c) (unbroken c) (fun _ _ _ => True).
+
+Definition DetectedAtEnd (s : semantics) (trace : list E) : Prop :=
+  Detected s trace \/ exists c, Scenarios c /\ Match s (at_end c) trace.
+
+Definition VerdictAtEnd (s : semantics) (trace : list E) (v : verdict) : Prop :=
+  match v with
+  | Top => DetectedAtEnd s trace
+  | Bottom => ~ DetectedAtEnd s trace /\ ~ Left s trace
+  | Unknown => ~ DetectedAtEnd s trace /\ Left s trace
+  end.
+
 (* 4.5: Repetition is an option of monitoring, not of the tree: after ⊤ the monitor starts afresh
    with the next event, as if the trace began there, and what was used is not used again (in SQL:
    AFTER MATCH SKIP PAST LAST ROW). So the verdict is ⊤ at each event that detects, and after others
@@ -428,6 +446,10 @@ Inductive Since (s : semantics) : list E -> list E -> Prop :=
 Definition RepeatedVerdict (s : semantics) (trace : list E) (v : verdict) : Prop :=
   exists past recent, trace = past ++ recent /\ Since s past recent /\
     Verdict Relevant (Scenarios past) s recent v.
+
+Definition RepeatedVerdictAtEnd (s : semantics) (trace : list E) (v : verdict) : Prop :=
+  exists past recent, trace = past ++ recent /\ Since s past recent /\
+    VerdictAtEnd Relevant (Scenarios past) s recent v.
 End Repetition.
 
 (** ** The verdict of a tree on a log *)

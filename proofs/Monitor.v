@@ -240,6 +240,9 @@ Definition next (t : tree) (s : semantics) : state -> event -> state :=
 Definition verdict_after (x : state) : verdict :=
   match x with Pruned x => pruned_verdict x | Watched x => watch_verdict x end.
 
+(** The state after the end of the trace. *)
+Definition finish (x : state) : state := match x with Pruned x => Pruned x | Watched x => Watched (watch_finish x) end.
+
 (** With repetition: after a detection it starts afresh with the next event. *)
 Definition next_repeated (begin : list event -> state) (step : state -> event -> state) (x : state) (e : event) :=
   match x with
@@ -363,6 +366,52 @@ Proof.
     + apply watch_correct. now apply all_watchable.
 Qed.
 
+Lemma at_end_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (forall e, Rel e <-> Rel' e) ->
+  (forall c, S c -> exists d, S' d /\ Alike c d) ->
+  forall s u, DetectedAtEnd Rel S s u -> DetectedAtEnd Rel' S' s u.
+Proof.
+  intros E Rel Rel' S S' R F s u [D | (c & I & pos & m & P & C & M & U & _)]; [left; eapply detected_same; eauto |].
+  right. destruct (F c I) as (d & J & A). exists d. split; auto. exists pos, m.
+  assert (P' : Partial c u pos m) by (destruct P; constructor; auto).
+  assert (Q := alike_partial E c d A u pos m P').
+  split; [destruct Q; constructor; auto |]. split; [exact (alike_complete E c d m A C) |].
+  split; [now apply (relevant_positions_same E Rel Rel' s u _ R) | split; [| exact Logic.I]].
+  now apply (alike_watched E c d A u pos m P').
+Qed.
+
+Lemma finish_after : forall t w s past trace, well_formed t = true ->
+  VerdictAtEnd (RelevantEvent t) (IsScenario t w past) s trace
+    (verdict_after (finish (fold_left (next t s) trace (first_after t w past)))).
+Proof.
+  intros t w s past trace W. assert (V := after_correct t w s past trace W). destruct (no_absences t) eqn:N.
+  - rewrite run_pruned in * by auto. cbn [finish].
+    assert (D : DetectedAtEnd (RelevantEvent t) (IsScenario t w past) s trace <->
+      Detected (RelevantEvent t) (IsScenario t w past) s trace).
+    { split; [| left; auto]. intros [D | (c & I & pos & m & P & C & M & U & _)]; auto.
+      exists trace, [], c. rewrite app_nil_r. split; [auto | split; [auto |]]. exists pos, m.
+      assert (P' : Partial c trace pos m) by (destruct P; constructor; auto).
+      split; [auto | split; [auto | split; [auto | split; [auto |]]]].
+      apply (scenario_quiet t w past c N I); [apply (once _ _ _ _ P') | apply (of_scenario _ _ _ _ P') |
+        apply (conditions_hold _ _ _ _ P')]. }
+    destruct (verdict_after (Pruned _)); simpl in *; tauto.
+  - rewrite run_watched in * by auto. cbn [finish verdict_after] in *. apply well_formed_iff in W.
+    assert (X := finish_correct (relevant_event t) s past (all_watched t w) trace (all_watchable t w W)).
+    assert (R : forall e, relevant_event t e = true <-> RelevantEvent t e) by (intros; now apply relevant_event_iff).
+    assert (F : forall c, ScenariosAfter past (all_watched t w) c -> exists d, IsScenario t w past d /\ Alike c d).
+    { intros c (q & I & ->). exists (denoted_after past q). split; [now apply watched_sound |].
+      constructor; intros; reflexivity || (split; reflexivity). }
+    assert (B : forall c, IsScenario t w past c -> exists d, ScenariosAfter past (all_watched t w) d /\ Alike c d).
+    { intros c I. destruct (watched_complete t w past c W I) as (q & J & A). exists (denoted_after past q); split; auto.
+      exists q; auto. }
+    assert (D : DetectedAtEnd (RelevantEvent t) (IsScenario t w past) s trace <->
+      DetectedAtEnd (fun e => relevant_event t e = true) (ScenariosAfter past (all_watched t w)) s trace).
+    { split; apply at_end_same; auto. intros; symmetry; auto. }
+    assert (L : Left (RelevantEvent t) (IsScenario t w past) s trace <->
+      Left (fun e => relevant_event t e = true) (ScenariosAfter past (all_watched t w)) s trace).
+    { split; apply left_same; auto. intros; symmetry; auto. }
+    destruct (watch_verdict (watch_finish _)); simpl in *; tauto.
+Qed.
+
 (** For a well-formed tree, every selection, every semantics and every trace, the monitor gives the
     verdict of the definition. *)
 Theorem monitor_correct : forall t w s trace, well_formed t = true ->
@@ -397,28 +446,47 @@ Proof.
     [apply all_watchable; now apply well_formed_iff | congruence | congruence].
 Qed.
 
-Theorem repeated_correct : forall t w s trace, well_formed t = true ->
+(** With repetition the monitor is the one that starts after the last detection. *)
+Lemma repeated_since : forall t w s trace, well_formed t = true ->
   let step := next t s in
-  RepeatedVerdictOfTree t w s trace
-    (verdict_after (fold_left (next_repeated (first_after t w) step) trace (first t w))).
+  exists past recent, trace = past ++ recent /\ Since (RelevantEvent t) (IsScenario t w) s past recent /\
+    fold_left (next_repeated (first_after t w) step) trace (first t w) = fold_left step recent (first_after t w past).
 Proof.
   intros t w s trace W. cbv zeta. set (step := next t s).
-  assert (H : exists past recent, trace = past ++ recent /\ Since (RelevantEvent t) (IsScenario t w) s past recent /\
-    fold_left (next_repeated (first_after t w) step) trace (first t w) = fold_left step recent (first_after t w past)).
-  { induction trace as [| e trace IH] using rev_ind; [exists [], []; repeat split; constructor |].
-    destruct IH as (past & recent & -> & I & Q). rewrite fold_left_app. simpl. rewrite Q.
-    assert (E := ended_detected t w s past recent W). fold step in E.
-    destruct (has_ended (fold_left step recent (first_after t w past))) eqn:X.
-    - exists (past ++ recent), [e]. split; [auto | split; [apply since_detection; auto; now apply E |]]. simpl.
-      destruct (fold_left step recent (first_after t w past)) as [[| l] | [h | h l]] eqn:F; try discriminate; simpl.
-      + f_equal. destruct (no_absences t) eqn:N; [unfold first_after; now rewrite N |].
-        unfold step in F. rewrite run_watched in F by auto. discriminate.
-      + destruct (no_absences t) eqn:N; [unfold step in F; rewrite run_pruned in F by auto; discriminate |].
-        apply ended_past in F as ->; auto.
-    - exists past, (recent ++ [e]). split; [now rewrite app_assoc | split].
-      + apply since_before; auto. rewrite <- E. discriminate.
-      + rewrite fold_left_app. simpl.
-        destruct (fold_left step recent (first_after t w past)) as [[| l] | [h | h l]]; try discriminate; auto. }
-  destruct H as (past & recent & -> & I & ->). exists past, recent. split; [auto | split; [auto |]].
-  now apply after_correct.
+  induction trace as [| e trace IH] using rev_ind; [exists [], []; repeat split; constructor |].
+  destruct IH as (past & recent & -> & I & Q). rewrite fold_left_app. simpl. rewrite Q.
+  assert (E := ended_detected t w s past recent W). fold step in E.
+  destruct (has_ended (fold_left step recent (first_after t w past))) eqn:X.
+  - exists (past ++ recent), [e]. split; [auto | split; [apply since_detection; auto; now apply E |]]. simpl.
+    destruct (fold_left step recent (first_after t w past)) as [[| l] | [h | h l]] eqn:F; try discriminate; simpl.
+    + f_equal. destruct (no_absences t) eqn:N; [unfold first_after; now rewrite N |].
+      unfold step in F. rewrite run_watched in F by auto. discriminate.
+    + destruct (no_absences t) eqn:N; [unfold step in F; rewrite run_pruned in F by auto; discriminate |].
+      apply ended_past in F as ->; auto.
+  - exists past, (recent ++ [e]). split; [now rewrite app_assoc | split].
+    + apply since_before; auto. rewrite <- E. discriminate.
+    + rewrite fold_left_app. simpl.
+      destruct (fold_left step recent (first_after t w past)) as [[| l] | [h | h l]]; try discriminate; auto.
+Qed.
+
+Theorem repeated_correct : forall t w s trace, well_formed t = true ->
+  RepeatedVerdictOfTree t w s trace
+    (verdict_after (fold_left (next_repeated (first_after t w) (next t s)) trace (first t w))).
+Proof.
+  intros t w s trace W. destruct (repeated_since t w s trace W) as (past & recent & -> & I & ->).
+  exists past, recent. split; [auto | split; [auto |]]. now apply after_correct.
+Qed.
+
+(** At the end of the trace, without and with repetition. *)
+Theorem finished_correct : forall t w s trace, well_formed t = true ->
+  VerdictAtEnd (RelevantEvent t) (IsScenario t w []) s trace
+    (verdict_after (finish (fold_left (next t s) trace (first t w)))).
+Proof. intros t w s trace W. now apply finish_after. Qed.
+
+Theorem repeated_finished_correct : forall t w s trace, well_formed t = true ->
+  RepeatedVerdictAtEnd (RelevantEvent t) (IsScenario t w) s trace
+    (verdict_after (finish (fold_left (next_repeated (first_after t w) (next t s)) trace (first t w)))).
+Proof.
+  intros t w s trace W. destruct (repeated_since t w s trace W) as (past & recent & -> & I & ->).
+  exists past, recent. split; [auto | split; [auto |]]. now apply finish_after.
 Qed.

@@ -452,6 +452,53 @@ Proof.
     destruct (IH B) as (q' & x' & I & D). exists q', x'. simpl; auto.
 Qed.
 
+(** *** The end of the trace *)
+
+(** Every clause is decided: a complete match that waits is one. *)
+Definition watch_finish (x : watch) : watch :=
+  match x with
+  | Ended h => Ended h
+  | Watching h l => if forallb (fun y => is_nil (snd (snd y))) l then x else Ended h
+  end.
+
+Lemma match_at_end : forall s past q u, watchable q ->
+  (Match Rel s (at_end (denoted_after past q)) u <-> exists m, Waits s q past u m).
+Proof.
+  intros s past q u W. set (q' := Watched (watched_plan q) (is_unbroken q) (fun _ _ => true)).
+  assert (W' : watchable q') by (destruct W; constructor; auto).
+  transitivity (Match Rel s (denoted_after past q') u).
+  - split; intros (pos & m & P & C & M & U & _); exists pos, m; (split; [destruct P; constructor; auto |]);
+      (split; [exact C |]); (split; [exact M |]); (split; [exact U |]); [reflexivity | exact I].
+  - rewrite (match_waits s past q' u W'). split; [intros (m & H & _) | intros (m & H)]; exists m; auto.
+Qed.
+
+Theorem finish_correct : forall s past qs u, Forall watchable qs ->
+  VerdictAtEnd Rel (ScenariosAfter past qs) s u (watch_verdict (watch_finish (watch_run s past qs u))).
+Proof.
+  intros s past qs u W. assert (V := watch_correct s past qs u W).
+  destruct (run_watch s past qs W u) as [[R D] | (l & R & Q & T & N)]; rewrite R in *; [left; exact D |].
+  rewrite Forall_forall in T, W. cbn [watch_finish].
+  assert (IN : forall q x, In (q, x) l -> In q qs /\ (forall m, In m (snd x) <-> Waits s q past u m)).
+  { intros q x I. split; [rewrite <- Q; apply in_map_iff; exists (q, x); auto | apply (T _ I)]. }
+  destruct (forallb (fun y => is_nil (snd (snd y))) l) eqn:X.
+  - assert (NE : ~ DetectedAtEnd Rel (ScenariosAfter past qs) s u).
+    { intros [D | (sc & (q & I & ->) & M)]; [contradiction |]. apply match_at_end in M as (m & H); auto.
+      rewrite <- Q in I. apply in_map_iff in I as ([q' x] & Z & I). simpl in Z. subst q'.
+      rewrite forallb_forall in X. assert (Y := X _ I). apply is_nil_iff in Y. simpl in Y. apply (IN q x I) in H.
+      rewrite Y in H. destruct H. }
+    destruct (watch_verdict (Watching (past ++ u) l)) eqn:Z.
+    + contradiction.
+    + split; [exact NE | apply V].
+    + split; [exact NE | apply V].
+  - right. assert (E' : exists q x, In (q, x) l /\ is_nil (snd x) = false).
+    { clear - X. induction l as [| [q x] l IH]; [discriminate |]. simpl in X.
+      destruct (is_nil (snd x)) eqn:Z; [| exists q, x; simpl; auto]. destruct (IH X) as (q' & x' & I & H).
+      exists q', x'. simpl; auto. }
+    destruct E' as (q & x & I & Z). destruct (IN q x I) as [IQ H]. exists (denoted_after past q).
+    split; [exists q; auto |]. apply match_at_end; auto. destruct (snd x) as [| m k]; [discriminate |].
+    exists m. apply H. simpl; auto.
+Qed.
+
 Lemma ended_iff : forall s past qs u, Forall watchable qs ->
   (watch_run s past qs u = Ended (past ++ u) <-> Detected Rel (ScenariosAfter past qs) s u).
 Proof.

@@ -126,6 +126,42 @@ def test_repetition_is_that_of_the_engine(tmp_path: Path, text: str) -> None:
     assert seen > 10
 
 
+def test_the_end_of_the_trace_decides(tmp_path: Path) -> None:
+    """Clause: after the end of the trace every `for D after` of a match is decided."""
+    random, decided = Random("end"), 0
+    while decided < 20:
+        tree = random_tree(random, ABSENT)
+        if not any(clause.side is Side.AFTER for node in tree.nodes.values() for clause in node.without):
+            continue
+        for semantics in Semantics:
+            traces = [random_trace(random, tree, max_length=8) for _ in range(20)]
+            options = ("--traces", "--complete", "--semantics", semantics)
+            done = run(tmp_path, tree, *options, given=lines(traces))
+            if "strptime" in done.stderr:
+                continue
+            assert not done.stderr
+            expected = []
+            for trace in traces:
+                reference = Reference(tree, semantics)
+                list(reference.run(trace))
+                before = reference.verdict
+                expected.append(reference.finish())
+                decided += before is not expected[-1]
+            signs = {Verdict.TRUE: "T", Verdict.FALSE: "F", Verdict.UNKNOWN: "?"}
+            assert [line[-1] for line in done.stdout.splitlines()] == [signs[verdict] for verdict in expected]
+
+
+def test_a_complete_log_has_a_line_for_its_end(tmp_path: Path) -> None:
+    text = "time t as s; event beat(r) = { beat: r }; lost on beat(R) without beat(R) for 2 s after;"
+    tree, given = loads(text), lines([{"beat": 1, "t": 0}, {"beat": 1, "t": 1}])
+    for options in ([], ["--repeat"]):
+        done = run(tmp_path, tree, "--semantics", "scattered", "--complete", *options, given=given)
+        *_, second, last = map(json.loads, done.stdout.splitlines())
+        assert second == {"event": 2, "verdict": "unknown"}
+        assert last == {"event": 2, "verdict": "true", "passed": "end of the log"}
+        assert done.returncode == 1
+
+
 @pytest.mark.parametrize("mistake", sampled(((mistake,) for mistake in sorted(MISTAKES)), 4))
 def test_it_sees_the_planted_faults_that_the_reference_sees(mistake: str) -> None:
     """On the trace with which the reference finds the fault, it gives the verdicts of the reference."""
@@ -240,6 +276,7 @@ def test_options_that_are_wrong(tmp_path: Path) -> None:
         (["--choose", '{"a": "b"}'], "the node a is no `or`"),
         (["--kind", "fault"], "no branch has the kind fault"),
         (["--kind", "other"], "unknown kind other"),
+        (["--complete", "--certify", "text.json"], "--complete and --certify exclude each other"),
         (["--repeat", "--certify", "text.json"], "--repeat and --certify exclude each other"),
         (["--traces", "--certify", "text.json"], "--traces and --certify exclude each other"),
         (["log.jsonl", "--certify", "text.json"], "with --certify no log is read"),
@@ -397,7 +434,7 @@ FAULTS: dict[str, tuple[Shape, Callable[[Node], Node]]] = {
 """Planted faults: the shape of random trees, and what the fault makes of a node."""
 
 
-@pytest.mark.parametrize("mistake", sampled(((mistake,) for mistake in FAULTS), 9))
+@pytest.mark.parametrize("mistake", sampled(((mistake,) for mistake in FAULTS), 4))
 def test_random_trees_and_planted_faults(mistake: str) -> None:
     """It has the verdicts of the reference for a tree, and others for the tree with the fault."""
     shape, fault = FAULTS[mistake]

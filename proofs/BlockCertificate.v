@@ -602,6 +602,6 @@ Proof.
   injection H as H. apply well_formed_iff in W.
   destruct (block_verdict fuel x W U P PP D H u J) as (v' & B & V). split; intros K.
   - now rewrite (block_unique _ _ _ _ _ _ _ _ _ K _ B).
-  - apply (tree_plans_verdict t w W) in K, V. now rewrite (verdict_only _ _ _ _ _ _ K V).
+  - apply (tree_plans_verdict t w W (untimed_basic _ _ U)) in K, V. now rewrite (verdict_only _ _ _ _ _ _ K V).
 Qed.
 End Text.

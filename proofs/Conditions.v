@@ -6,6 +6,7 @@
 
 Require Import List Bool Arith ZArith Lia Permutation.
 Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search.
+Require Arith.Cantor.
 Import ListNotations.
 
 (** ** Lists of values with names *)
@@ -492,6 +493,335 @@ Proof.
   - apply extreme_time_iff; auto; try lia; intros; lia.
 Qed.
 
+(** ** Variables of one's own
+
+    Each event of a node has its own values of some variables (clause 2.9).  The monitor gives these
+    variables one name for each event, and has one assignment for all. *)
+
+Section Renaming.
+Variable f : nat -> nat.
+
+Fixpoint rename_pattern (p : pattern) : pattern :=
+  match p with
+  | Exactly v => Exactly v
+  | Named (Rigid x) => Named (Rigid (f x))
+  | Named (Local x) => Named (Local x)
+  | Anything => Anything
+  | ObjectWith fields => ObjectWith (map (fun field => (fst field, rename_pattern (snd field))) fields)
+  | ListOf items => ListOf (map rename_pattern items)
+  | SomeItem p => SomeItem (rename_pattern p)
+  end.
+
+Fixpoint rename_guard (g : guard) : guard :=
+  match g with
+  | Constant v => Constant v
+  | ValueOf x => ValueOf (f x)
+  | TimeOf p => TimeOf p
+  | Apply o l => Apply o (map rename_guard l)
+  | AndThen a b => AndThen (rename_guard a) (rename_guard b)
+  | OrElse a b => OrElse (rename_guard a) (rename_guard b)
+  end.
+
+Lemma flat_map_map : forall A B C (g : B -> list C) (h : A -> B) l,
+  flat_map g (map h l) = flat_map (fun x => g (h x)) l.
+Proof. induction l; simpl; congruence. Qed.
+
+Lemma flat_map_ext_in : forall A B (g h : A -> list B) l, (forall x, In x l -> g x = h x) ->
+  flat_map g l = flat_map h l.
+Proof. induction l; simpl; intros H; auto. rewrite H, IHl; auto. Qed.
+
+Lemma map_flat_map : forall A B C (g : B -> C) (h : A -> list B) l,
+  map g (flat_map h l) = flat_map (fun x => map g (h x)) l.
+Proof. induction l; simpl; auto. now rewrite map_app, IHl. Qed.
+
+Lemma renamed_matches : forall b b' p v, (forall x, b' (Rigid x) = b (Rigid (f x))) ->
+  (forall x, b' (Local x) = b (Local x)) -> (matches b (rename_pattern p) v <-> matches b' p v).
+Proof.
+  intros b b' p v R L; revert v.
+  induction p as [w | x | | fields IH | items IH | p IH] using pattern_induction; intros v.
+  - reflexivity.
+  - destruct x; simpl; [now rewrite R | now rewrite L].
+  - reflexivity.
+  - cbn [matches rename_pattern]. assert (S : forall object, 
+      (fix all fields := match fields with
+         | [] => True
+         | (f, p) :: fields => (exists w, field f object = Some w /\ matches b p w) /\ all fields
+         end) (map (fun field => (fst field, rename_pattern (snd field))) fields) <->
+      (fix all fields := match fields with
+         | [] => True
+         | (f, p) :: fields => (exists w, field f object = Some w /\ matches b' p w) /\ all fields
+         end) fields).
+    { intros object. induction IH as [| [g p] fields IHp _ IHf]; simpl; [tauto |]. rewrite IHf. simpl in IHp.
+      split; intros [(w & F & M) H]; (split; [exists w; split; auto; now apply IHp | auto]). }
+    split; intros (object & -> & H); exists object; (split; [auto |]); now apply S.
+  - cbn [matches rename_pattern]. assert (S : forall list, 
+      (fix all items list := match items, list with
+         | [], [] => True
+         | p :: items, w :: list => matches b p w /\ all items list
+         | _, _ => False
+         end) (map rename_pattern items) list <->
+      (fix all items list := match items, list with
+         | [], [] => True
+         | p :: items, w :: list => matches b' p w /\ all items list
+         | _, _ => False
+         end) items list).
+    { induction IH as [| p items IHp _ IHi]; intros [| w list]; simpl; try tauto. now rewrite IHi, IHp. }
+    split; intros (list & -> & H); exists list; (split; [auto |]); now apply S.
+  - simpl. split; intros (list & -> & w & I & M); exists list; (split; [auto |]); exists w; (split; [auto |]);
+      now apply IH.
+Qed.
+
+Lemma renamed_fits : forall a p v, fits_pattern a (rename_pattern p) v <-> fits_pattern (fun x => a (f x)) p v.
+Proof.
+  intros a p v. split; intros (b & R & M).
+  - exists (fun x => match x with Rigid x => b (Rigid (f x)) | Local x => b (Local x) end).
+    split; [intros; simpl; auto |]. now apply renamed_matches with b.
+  - exists (fun x => match x with Rigid x => a x | Local x => b (Local x) end). split; auto.
+    eapply renamed_matches; [| | exact M]; intros; simpl; auto.
+Qed.
+
+Lemma renamed_pattern_variables : forall p, pattern_variables (rename_pattern p) = map f (pattern_variables p).
+Proof.
+  induction p as [w | x | | fields IH | items IH | p IH] using pattern_induction; simpl; auto.
+  - now destruct x.
+  - rewrite flat_map_map, map_flat_map. apply flat_map_ext_in. rewrite Forall_forall in IH. intros [g p] I. simpl.
+    now apply (IH (g, p)).
+  - rewrite flat_map_map, map_flat_map. apply flat_map_ext_in. now rewrite Forall_forall in IH.
+Qed.
+
+Lemma renamed_eval : forall a time g, eval a time (rename_guard g) = eval (fun x => a (f x)) time g.
+Proof.
+  intros a time; induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction; simpl; auto.
+  - rewrite map_map. rewrite (map_ext_in (fun x => eval a time (rename_guard x)) (eval (fun x => a (f x)) time)); auto.
+    now rewrite Forall_forall in IH.
+  - now rewrite IHl, IHr.
+  - now rewrite IHl, IHr.
+Qed.
+
+Lemma renamed_holds : forall a time g, holds a time (rename_guard g) = holds (fun x => a (f x)) time g.
+Proof. intros; unfold holds; now rewrite renamed_eval. Qed.
+
+Lemma renamed_variables : forall g, variables (rename_guard g) = map f (variables g).
+Proof.
+  induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction; simpl; auto.
+  - rewrite flat_map_map, map_flat_map. apply flat_map_ext_in. now rewrite Forall_forall in IH.
+  - now rewrite map_app, IHl, IHr.
+  - now rewrite map_app, IHl, IHr.
+Qed.
+
+Lemma renamed_points : forall g, points (rename_guard g) = points g.
+Proof.
+  induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction; simpl; auto.
+  - rewrite flat_map_map. apply flat_map_ext_in. now rewrite Forall_forall in IH.
+  - now rewrite IHl, IHr.
+  - now rewrite IHl, IHr.
+Qed.
+End Renaming.
+
+(** The variables of a node, and a number above those of all nodes. *)
+Definition names_at (t : tree) (n : nat) : list nat :=
+  match on (node_at t n) with Some p => pattern_variables p | None => [] end ++
+  flat_map variables (conditions t n) ++ distinct_values (node_at t n).
+Definition fresh (t : tree) : nat := S (list_max (flat_map (names_at t) (seq 0 (length (nodes t))))).
+
+(** The name of a variable for an occurrence. *)
+Definition own_name (t : tree) (o : occurrence) (x : nat) : nat := x + fresh t * S (Cantor.to_nat o).
+Definition rename (t : tree) (o : occurrence) (x : nat) : nat := if is_own t o x then own_name t o x else x.
+
+(** What an occurrence observes, and the guards of a node, with one name for each value. *)
+Definition pattern_at (t : tree) (o : occurrence) : option pattern :=
+  if is_nil (own_values (node_at t (fst o))) then on (node_at t (fst o))
+  else option_map (rename_pattern (rename t o)) (on (node_at t (fst o))).
+
+Definition names_differ (t : tree) (o p : occurrence) (xs : list nat) : guard :=
+  differ (map (fun x => (ValueOf (own_name t o x), ValueOf (own_name t p x))) xs).
+
+Definition guards_at (t : tree) (n : nat) : list guard :=
+  let d := node_at t n in
+  if is_nil (own_values d) then conditions t n
+  else let events := map (pair n) (seq 0 (S (pred (times d)))) in
+       flat_map (fun o => map (rename_guard (rename t o)) (conditions t n)) events ++
+       (if is_nil (distinct_values d) then []
+        else flat_map (fun o => flat_map (fun p =>
+               if snd o <? snd p then [names_differ t o p (distinct_values d)] else []) events) events).
+
+(** The values of variables by their names. *)
+Definition named_values (t : tree) (a : nat -> value) (own : occurrence -> nat -> value) (y : nat) : value :=
+  if y <? fresh t then a y else own (Cantor.of_nat (pred (y / fresh t))) (y mod fresh t).
+
+Section OwnValues.
+Variable t : tree.
+
+Lemma in_names : forall n x, In x (names_at t n) -> x < fresh t.
+Proof.
+  intros n x I. destruct (le_lt_dec (length (nodes t)) n) as [L | L].
+  - unfold names_at, conditions, node_at in I. rewrite nth_overflow in I by auto. destruct I.
+  - unfold fresh. apply Nat.lt_succ_r.
+    assert (F := proj1 (list_max_le (flat_map (names_at t) (seq 0 (length (nodes t)))) _) (le_n _)).
+    rewrite Forall_forall in F. apply F, in_flat_map. exists n; split; auto. apply in_seq; lia.
+Qed.
+
+Lemma named_own : forall a own o x, x < fresh t -> named_values t a own (own_name t o x) = own o x.
+Proof.
+  intros a own o x L. unfold named_values, own_name. replace (_ <? _) with false.
+  - rewrite Nat.mul_comm, Nat.div_add, Nat.mod_add by lia. rewrite Nat.div_small, Nat.mod_small by auto. simpl.
+    now rewrite Cantor.cancel_of_to.
+  - symmetry. apply Nat.ltb_ge. rewrite Nat.mul_succ_r. lia.
+Qed.
+
+Lemma named_under : forall a own o x, x < fresh t -> named_values t a own (rename t o x) = values_for t a own o x.
+Proof.
+  intros a own o x L. unfold rename, values_for. destruct (is_own t o x); [now apply named_own |].
+  unfold named_values. now rewrite (proj2 (Nat.ltb_lt _ _) L).
+Qed.
+
+Lemma own_name_one : forall o p x y, x < fresh t -> y < fresh t -> own_name t o x = own_name t p y -> o = p /\ x = y.
+Proof.
+  intros o p x y L M Q. unfold own_name in Q.
+  assert (Z : fresh t * S (Cantor.to_nat o) + x = fresh t * S (Cantor.to_nat p) + y) by lia.
+  apply Nat.div_mod_unique in Z; auto. destruct Z as [Z ->]. split; auto. apply Cantor.to_nat_inj. lia.
+Qed.
+
+Lemma own_name_high : forall o x, fresh t <= own_name t o x.
+Proof. intros o x. unfold own_name. rewrite Nat.mul_succ_r. lia. Qed.
+
+Lemma rename_one : forall o p x y, x < fresh t -> y < fresh t ->
+  (rename t o x = rename t p y <-> x = y /\ if is_own t o x then p = o else is_own t p x = false).
+Proof.
+  intros o p x y L M. unfold rename. split.
+  - intros Q. destruct (is_own t o x) eqn:O, (is_own t p y) eqn:P.
+    + destruct (own_name_one o p x y L M Q); auto.
+    + assert (H := own_name_high o x). lia.
+    + assert (H := own_name_high p y). lia.
+    + subst; auto.
+  - intros [<- H]. destruct (is_own t o x) eqn:O; [subst; now rewrite O | now rewrite H].
+Qed.
+
+Lemma no_own : forall o x, own_values (node_at t (fst o)) = [] -> is_own t o x = false.
+Proof. intros o x Q. unfold is_own. now rewrite Q. Qed.
+
+(** Patterns under one assignment are patterns under that of their event. *)
+Lemma pattern_at_iff : forall a o p, pattern_at t o = Some p ->
+  exists q, on (node_at t (fst o)) = Some q /\ pattern_variables p = map (rename t o) (pattern_variables q) /\
+    forall v, fits_pattern a p v <-> fits_pattern (fun x => a (rename t o x)) q v.
+Proof.
+  intros a o p H. unfold pattern_at in H. destruct (is_nil (own_values (node_at t (fst o)))) eqn:N.
+  - apply is_nil_iff in N. exists p. split; auto.
+    assert (R : forall x, rename t o x = x) by (intros x; unfold rename; now rewrite no_own).
+    split; [| intros v; split; apply fits_pattern_same; intros; now rewrite R].
+    rewrite (map_ext _ _ R). now rewrite map_id.
+  - destruct (on (node_at t (fst o))) as [q |]; [| discriminate]. injection H as <-. exists q. split; auto.
+    split; [apply renamed_pattern_variables | intros; apply renamed_fits].
+Qed.
+
+(** No event is absent, and none has values of its own. *)
+Definition no_absences : bool := forallb (fun d => is_nil (without d)) (nodes t).
+Definition basic : bool := no_absences && forallb (fun d => is_nil (own_values d)) (nodes t).
+
+Lemma all_nodes : forall (f : node -> bool), f nowhere = true -> forallb f (nodes t) = true ->
+  forall n, f (node_at t n) = true.
+Proof.
+  intros f N B n. rewrite forallb_forall in B. unfold node_at.
+  destruct (nth_in_or_default n (nodes t) nowhere) as [I | I]; [now apply B | now rewrite I].
+Qed.
+
+Lemma basic_own : basic = true -> forall n, own_values (node_at t n) = [].
+Proof.
+  intros B n. apply andb_true_iff in B as [_ B].
+  now apply is_nil_iff, (all_nodes (fun d => is_nil (own_values d))).
+Qed.
+
+Lemma basic_absences : basic = true -> no_absences = true.
+Proof. intros B. now apply andb_true_iff in B. Qed.
+
+Lemma nothing_absent : no_absences = true -> forall n, without (node_at t n) = [].
+Proof. intros B n. now apply is_nil_iff, (all_nodes (fun d => is_nil (without d))). Qed.
+
+Lemma pattern_at_basic : basic = true -> forall o, pattern_at t o = on (node_at t (fst o)).
+Proof. intros B o. unfold pattern_at. now rewrite basic_own. Qed.
+
+Lemma guards_at_basic : basic = true -> forall n, guards_at t n = conditions t n.
+Proof. intros B n. unfold guards_at. now rewrite basic_own. Qed.
+
+Lemma guards_basic : basic = true -> forall ns, flat_map (guards_at t) ns = flat_map (conditions t) ns.
+Proof. intros B ns. apply flat_map_ext_in. intros n _. now apply guards_at_basic. Qed.
+End OwnValues.
+
+Lemma or_iff : forall A B C D, (A <-> B) -> (C <-> D) -> (A \/ C <-> B \/ D).
+Proof. tauto. Qed.
+
+Lemma rename_guard_same : forall f g, (forall x, In x (variables g) -> f x = x) -> rename_guard f g = g.
+Proof.
+  intros f; induction g as [v | x | p | o l IH | l r IHl IHr | l r IHl IHr] using guard_induction; simpl;
+    intros S; auto.
+  - f_equal. rewrite Forall_forall in IH. transitivity (map (fun g => g) l); [| apply map_id].
+    apply map_ext_in. intros g I. apply IH; auto.
+    intros x X. apply S, in_flat_map; eauto.
+  - rewrite IHl, IHr; auto; intros; apply S, in_app_iff; auto.
+  - rewrite IHl, IHr; auto; intros; apply S, in_app_iff; auto.
+Qed.
+
+Section Differ.
+Variables (t : tree) (o p : occurrence) (xs : list nat).
+
+Lemma names_differ_variables : forall y, In y (variables (names_differ t o p xs)) <->
+  exists x, In x xs /\ (y = own_name t o x \/ y = own_name t p x).
+Proof.
+  intros y. unfold names_differ, differ. induction xs as [| x l IH]; simpl; [firstorder |].
+  rewrite IH. split.
+  - intros [<- | [<- | (z & I & H)]]; [exists x | exists x | exists z]; auto.
+  - intros (z & [<- | I] & [-> | ->]); auto; right; right; exists z; auto.
+Qed.
+
+Lemma names_differ_points : points (names_differ t o p xs) = [].
+Proof. unfold names_differ, differ. induction xs; simpl; auto. Qed.
+
+Lemma names_differ_holds : forall a time b time' own,
+  (forall x, In x xs -> a (own_name t o x) = own o x /\ a (own_name t p x) = own p x) ->
+  holds a time (names_differ t o p xs) = holds b time' (values_differ own o p xs).
+Proof.
+  intros a time b time' own H. unfold holds.
+  replace (eval a time (names_differ t o p xs)) with (eval b time' (values_differ own o p xs)); auto.
+  unfold names_differ, values_differ, differ. induction xs as [| x l IH]; auto. simpl in *.
+  destruct (H x) as [-> ->]; auto. rewrite IH; auto.
+Qed.
+End Differ.
+
+Lemma in_guards_at : forall t n g', In g' (guards_at t n) <->
+  (exists i g, i < S (pred (times (node_at t n))) /\ In g (conditions t n) /\ g' = rename_guard (rename t (n, i)) g) \/
+  (exists i j, i < j < S (pred (times (node_at t n))) /\ distinct_values (node_at t n) <> [] /\
+     g' = names_differ t (n, i) (n, j) (distinct_values (node_at t n))).
+Proof.
+  intros t n g'. unfold guards_at. set (k := S (pred (times (node_at t n)))).
+  destruct (is_nil (own_values (node_at t n))) eqn:N.
+  - apply is_nil_iff in N.
+    assert (R : forall i g, rename_guard (rename t (n, i)) g = g).
+    { intros i g. apply rename_guard_same. intros x _. unfold rename. now rewrite no_own. }
+    split.
+    + intros I. left. exists 0, g'. rewrite R. repeat split; auto. unfold k; lia.
+    + intros [(i & g & _ & I & ->) | (i & j & _ & D & _)]; [now rewrite R |].
+      unfold own_values in N. apply app_eq_nil in N as [N _]. contradiction.
+  - rewrite in_app_iff, in_flat_map.
+    assert (K : forall o, In o (map (pair n) (seq 0 k)) <-> exists i, i < k /\ o = (n, i)).
+    { intros o. rewrite in_map_iff. split.
+      - intros (i & <- & I). apply in_seq in I. exists i; split; auto; lia.
+      - intros (i & I & ->). exists i; split; auto. apply in_seq; lia. }
+    apply or_iff.
+    + split.
+      * intros (o & I & J). apply K in I as (i & I & ->). apply in_map_iff in J as (g & <- & J). exists i, g; auto.
+      * intros (i & g & I & J & ->). exists (n, i). split; [apply K; eauto | now apply in_map].
+    + destruct (is_nil (distinct_values (node_at t n))) eqn:D.
+      * apply is_nil_iff in D. split; [intros [] | intros (i & j & _ & H & _); contradiction].
+      * split.
+        -- intros I. apply in_flat_map in I as (o & I & J). apply in_flat_map in J as (p & J & L).
+           apply K in I as (i & I & ->). apply K in J as (j & J & ->). simpl in L.
+           destruct (i <? j) eqn:Q; [| destruct L]. apply Nat.ltb_lt in Q. destruct L as [<- | []].
+           exists i, j. repeat split; auto. intros H. rewrite H in D. discriminate.
+        -- intros (i & j & [I J] & _ & ->). apply in_flat_map. exists (n, i).
+           split; [apply K; exists i; split; auto; lia |]. apply in_flat_map. exists (n, j).
+           split; [apply K; exists j; auto |]. simpl. rewrite (proj2 (Nat.ltb_lt _ _) I). simpl; auto.
+Qed.
+
 (** ** The test *)
 
 Section Test.
@@ -501,7 +831,7 @@ Variable part : nat -> list occurrence.
 
 Definition observed (o : occurrence) (e : event) : list (binding nat) :=
   if late e then []
-  else match on (node_at t (fst o)) with Some p => bindings p (content e) | None => [] end.
+  else match pattern_at t o with Some p => bindings p (content e) | None => [] end.
 
 Fixpoint unions (m : assigned event) : list (binding nat) :=
   match m with
@@ -510,7 +840,7 @@ Fixpoint unions (m : assigned event) : list (binding nat) :=
   end.
 
 Definition bound_variables (m : assigned event) : list nat :=
-  flat_map (fun o => match on (node_at t (fst o)) with Some p => pattern_variables p | None => [] end) (domain m).
+  flat_map (fun o => match pattern_at t o with Some p => pattern_variables p | None => [] end) (domain m).
 
 Definition member (x : nat) (l : list nat) : bool := existsb (Nat.eqb x) l.
 
@@ -526,7 +856,20 @@ Definition consistent (m : assigned event) : bool :=
 
 Variable r : resolution.
 Hypothesis part_iff : forall n o, In o (part n) <-> InPart t r n o.
-Hypothesis guards_iff : forall g, In g guards <-> exists n, In n (map fst r) /\ In g (conditions t n).
+Hypothesis guards_iff : forall g, In g guards <-> exists n, In n (map fst r) /\ In g (guards_at t n).
+
+(** An event fits an occurrence, and a guard is known, under one assignment of all variables. *)
+Definition fits_at (a : nat -> value) (o : occurrence) (e : event) : Prop :=
+  late e = false /\ exists p, pattern_at t o = Some p /\ fits_pattern a p (content e).
+
+Definition IsKnown (m : assigned event) (g : guard) : Prop :=
+  (forall x, In x (variables g) ->
+     exists o p, In o (domain m) /\ pattern_at t o = Some p /\ In x (pattern_variables p)) /\
+  (forall p, In p (points g) ->
+     match p with
+     | At n => In (n, 0) (domain m)
+     | Start n | End n => forall o, InPart t r n o -> In o (domain m)
+     end).
 
 Lemma member_iff : forall x l, member x l = true <-> In x l.
 Proof.
@@ -535,13 +878,13 @@ Proof.
   - intros I; exists x; split; auto. apply Nat.eqb_refl.
 Qed.
 
-Lemma known_iff : forall m g, known m g = true <-> Known t r m g.
+Lemma known_iff : forall m g, known m g = true <-> IsKnown m g.
 Proof.
-  intros m g; unfold known, Known. rewrite andb_true_iff, !forallb_forall.
+  intros m g; unfold known, IsKnown. rewrite andb_true_iff, !forallb_forall.
   assert (B : forall x, In x (bound_variables m) <->
-    exists o p, In o (domain m) /\ on (node_at t (fst o)) = Some p /\ In x (pattern_variables p)).
+    exists o p, In o (domain m) /\ pattern_at t o = Some p /\ In x (pattern_variables p)).
   { intros x; unfold bound_variables; rewrite in_flat_map. split.
-    - intros (o & I & J). destruct (on (node_at t (fst o))) as [p |] eqn:P; [| destruct J]. exists o, p; auto.
+    - intros (o & I & J). destruct (pattern_at t o) as [p |] eqn:P; [| destruct J]. exists o, p; auto.
     - intros (o & p & I & P & J). exists o; split; auto. now rewrite P. }
   assert (A : forall p, (forall o, In o (asked_by part p) -> In o (domain m)) <->
     match p with At n => In (n, 0) (domain m) | Start n | End n => forall o, InPart t r n o -> In o (domain m) end).
@@ -556,11 +899,11 @@ Proof.
   - intros p I. apply forallb_forall. intros o J. apply among_iff. now apply (proj2 (A p)) in J; [| apply Y].
 Qed.
 
-Lemma observed_iff : forall a o e, Fits t a o e <-> exists bs, In bs (observed o e) /\ respects a bs.
+Lemma observed_iff : forall a o e, fits_at a o e <-> exists bs, In bs (observed o e) /\ respects a bs.
 Proof.
-  intros a o e; unfold Fits, observed.
+  intros a o e; unfold fits_at, observed.
   destruct (late e); [split; [intros [? _]; discriminate | intros (bs & [] & _)] |].
-  destruct (on (node_at t (fst o))) as [p |].
+  destruct (pattern_at t o) as [p |].
   - rewrite <- bindings_iff. split; [intros (_ & q & Q & F); injection Q as ->; auto | intros F; split; eauto].
   - split; [intros (_ & q & Q & _); discriminate | intros (bs & [] & _)].
 Qed.
@@ -573,7 +916,7 @@ Proof.
 Qed.
 
 Lemma unions_iff : forall a m, (forall o e, In (o, e) m ->
-  Fits t a o e) <-> exists bs, In bs (unions m) /\ respects a bs.
+  fits_at a o e) <-> exists bs, In bs (unions m) /\ respects a bs.
 Proof.
   intros a; induction m as [| [o e] m IH].
   - split; [intros _; exists []; split; simpl; auto; apply respects_nil | intros _ ? ? []].
@@ -592,13 +935,13 @@ Proof.
   induction m as [| [o e] m IH]; intros bs x I J; [destruct J |].
   apply in_unions in I as (cs & ds & I & K & ->). rewrite map_app, in_app_iff.
   unfold bound_variables in J; simpl in J. apply in_app_iff in J as [J | J]; [left | right; apply IH; auto].
-  unfold observed in I. destruct (late e); [destruct I |]. destruct (on (node_at t (fst o))); [| destruct J].
+  unfold observed in I. destruct (late e); [destruct I |]. destruct (pattern_at t o); [| destruct J].
   eapply bindings_variables; eauto.
 Qed.
 
 (** [m] is consistent under one assignment of the variables. *)
 Definition Under (a : nat -> value) (m : assigned event) : Prop :=
-  (forall o e, In (o, e) m -> Fits t a o e) /\
+  (forall o e, In (o, e) m -> fits_at a o e) /\
   (forall g, In g guards -> known m g = true -> holds a (time_at part m) g = true).
 
 Lemma under_iff : forall a m, Under a m <->
@@ -626,20 +969,176 @@ Proof.
   - intros (a & H). apply under_iff in H as (bs & I & _ & H). eauto.
 Qed.
 
-Theorem consistent_iff : forall m, NoDup (domain m) -> (consistent m = true <-> Consistent t r m).
+(** The name of a variable is bound when an event gives the variable a value. *)
+Lemma name_bound : forall m o x, x < fresh t ->
+  ((exists p q, In p (domain m) /\ pattern_at t p = Some q /\ In (rename t o x) (pattern_variables q)) <->
+   exists p, GivesValue t m p o x).
 Proof.
-  intros m N. rewrite consistent_under. unfold Under, Consistent.
+  intros m o x L. split.
+  - intros (p & q & I & P & J). destruct (pattern_at_iff t (fun _ => Null) p q P) as (w & O & V & _).
+    rewrite V in J. apply in_map_iff in J as (y & Q & J).
+    assert (M : y < fresh t) by (apply (in_names t (fst p)); unfold names_at; rewrite O; apply in_app_iff; auto).
+    symmetry in Q. apply rename_one in Q as [<- Q]; auto. exists p. repeat split; eauto.
+  - intros (p & I & (w & O & J) & H).
+    assert (P : exists q, pattern_at t p = Some q).
+    { unfold pattern_at. rewrite O. destruct (is_nil _); simpl; eauto. }
+    destruct P as [q P]. exists p, q. repeat split; auto.
+    destruct (pattern_at_iff t (fun _ => Null) p q P) as (w' & O' & V & _). rewrite O in O'. injection O' as <-.
+    rewrite V. apply in_map_iff. exists x. split; auto. symmetry. now apply rename_one.
+Qed.
+
+Lemma condition_names : forall n g x, In g (conditions t n) -> In x (variables g) -> x < fresh t.
+Proof.
+  intros n g x I J. apply (in_names t n). unfold names_at. apply in_app_iff; right. apply in_app_iff; left.
+  apply in_flat_map; eauto.
+Qed.
+
+Lemma renamed_known : forall m o g, In g (conditions t (fst o)) ->
+  (IsKnown m (rename_guard (rename t o) g) <-> Known t r m o g).
+Proof.
+  intros m o g I. unfold IsKnown, Known. rewrite renamed_variables, renamed_points.
+  assert (V : (forall y, In y (map (rename t o) (variables g)) ->
+      exists p q, In p (domain m) /\ pattern_at t p = Some q /\ In y (pattern_variables q)) <->
+    (forall x, In x (variables g) -> exists p, GivesValue t m p o x)).
+  { split.
+    - intros H x X. apply name_bound; [eapply condition_names; eauto |]. now apply H, in_map.
+    - intros H y Y. apply in_map_iff in Y as (x & <- & X). apply name_bound; auto. eapply condition_names; eauto. }
+  rewrite V. reflexivity.
+Qed.
+
+Lemma differ_known : forall m o p xs, is_own t o = is_own t p ->
+  (forall x, In x xs -> is_own t o x = true /\ x < fresh t) ->
+  (IsKnown m (names_differ t o p xs) <-> forall x, In x xs -> GivesValue t m o o x /\ GivesValue t m p p x).
+Proof.
+  intros m o p xs S W. unfold IsKnown. rewrite names_differ_points.
+  assert (N : forall q x, In x xs -> is_own t q = is_own t o ->
+    ((exists y w, In y (domain m) /\ pattern_at t y = Some w /\ In (own_name t q x) (pattern_variables w)) <->
+     GivesValue t m q q x)).
+  { intros q x I Q. destruct (W x I) as [O L]. rewrite <- Q in O.
+    replace (own_name t q x) with (rename t q x) by (unfold rename; now rewrite O). rewrite name_bound by auto.
+    split; [intros (y & B) | eauto]. assert (B' := B). destruct B' as (_ & _ & H). rewrite O in H. now subst. }
+  split.
+  - intros [H _] x I. split; apply N; auto; apply H, names_differ_variables; eauto.
+  - intros H. split; [| intros ? []]. intros y Y. apply names_differ_variables in Y as (x & I & [-> | ->]);
+      apply N; auto; now apply H.
+Qed.
+
+(** The assignment of all variables by their names, and those of the definition. *)
+Theorem under_names : forall m, NoDup (domain m) ->
+  (forall o, In o (domain m) -> snd o < times (node_at t (fst o))) ->
+  (forall a, Under a m -> ConsistentUnder t r m a (fun o x => a (own_name t o x))) /\
+  (forall a own, ConsistentUnder t r m a own -> Under (named_values t a own) m).
+Proof.
+  intros m N W. unfold Under, ConsistentUnder.
   assert (T : forall time, (forall p z, time p = Some z <-> IsTime t r m p z) -> forall p, time p = time_at part m p).
   { intros time H p. destruct (time_at part m p) as [z |] eqn:Q.
     - apply H, (time_at_iff t r m part); auto.
     - destruct (time p) as [z |] eqn:R; auto. apply H, (time_at_iff t r m part) in R; auto. congruence. }
+  assert (F : forall a' a own o e, (forall x, x < fresh t -> a' (rename t o x) = values_for t a own o x) ->
+    (fits_at a' o e <-> Fits t (values_for t a own o) o e)).
+  { intros a' a own o e S. unfold fits_at, Fits. split; intros (L & p & P & H); (split; [auto |]).
+    - destruct (pattern_at_iff t a' o p P) as (q & O & V & E). exists q; split; auto. apply E in H.
+      revert H. apply fits_pattern_same. intros x X. apply S. apply (in_names t (fst o)). unfold names_at. rewrite O.
+      apply in_app_iff; auto.
+    - assert (P' : exists q, pattern_at t o = Some q).
+      { unfold pattern_at. rewrite P. destruct (is_nil _); simpl; eauto. }
+      destruct P' as [q P']. exists q; split; auto.
+      destruct (pattern_at_iff t a' o q P') as (q' & O & V & E). rewrite P in O. injection O as <-. apply E.
+      revert H. apply fits_pattern_same. intros x X. symmetry. apply S. apply (in_names t (fst o)). unfold names_at.
+      rewrite P. apply in_app_iff; auto. }
+  assert (G : forall a' a own time o g, In g (conditions t (fst o)) ->
+    (forall x, x < fresh t -> a' (rename t o x) = values_for t a own o x) ->
+    holds a' time (rename_guard (rename t o) g) = holds (values_for t a own o) time g).
+  { intros a' a own time o g I S. rewrite renamed_holds. apply holds_same; auto. intros x X. apply S.
+    eapply condition_names; eauto. }
+  assert (D : forall n x, In x (distinct_values (node_at t n)) -> forall i, is_own t (n, i) x = true /\ x < fresh t).
+  { intros n x I i. split.
+    - unfold is_own, own_values. simpl. apply existsb_exists. exists x. split; [apply in_app_iff; auto |].
+      apply Nat.eqb_refl.
+    - apply (in_names t n). unfold names_at. apply in_app_iff; right. apply in_app_iff; auto. }
   split.
-  - intros (a & F & G). exists a, (time_at part m). split; [auto | split].
+  - intros a' (FA & GA). exists (time_at part m).
+    assert (SAME : forall o x, x < fresh t -> a' (rename t o x) = values_for t a' (fun o x => a' (own_name t o x)) o x).
+    { intros o x _. unfold rename, values_for. destruct (is_own t o x); auto. }
+    split; [| split; [| split]].
+    + intros o e I. apply (F a'); auto.
     + intros; now apply time_at_iff.
-    + intros n g I J K. apply G; [apply guards_iff; eauto | now apply known_iff].
-  - intros (a & time & F & C & G). exists a; split; [auto |]. intros g J K.
-    apply guards_iff in J as (n & I & J). apply known_iff in K. rewrite <- (G n g I J K).
-    apply holds_same; auto. intros; symmetry; now apply T.
+    + intros o g I J K. rewrite <- (G a') by auto.
+      assert (B : snd o < S (pred (times (node_at t (fst o)))) \/ forall x, In x (variables g) -> is_own t o x = false).
+      { destruct (le_lt_dec (times (node_at t (fst o))) (snd o)) as [Q | Q]; [right | left; lia].
+        intros x X. destruct (is_own t o x) eqn:O; auto. exfalso. destruct K as [K _].
+        destruct (K x X) as (p & M & _ & H). rewrite O in H. subst. apply W in M. lia. }
+      destruct B as [B | B].
+      * apply GA; [| apply known_iff; now apply renamed_known]. apply guards_iff. exists (fst o). split; auto.
+        apply in_guards_at. left. exists (snd o), g. rewrite <- surjective_pairing. auto.
+      * assert (Q : rename_guard (rename t o) g = rename_guard (rename t (fst o, 0)) g).
+        { rewrite !rename_guard_same; auto; intros x X; unfold rename; [| now rewrite B].
+          replace (is_own t (fst o, 0) x) with (is_own t o x) by reflexivity. now rewrite B. }
+        rewrite <- (renamed_known m o g J) in K. rewrite Q in *.
+        apply GA; [| now apply known_iff]. apply guards_iff. exists (fst o). split; auto.
+        apply in_guards_at. left. exists 0, g. repeat split; auto. lia.
+    + intros n i j L R NE K.
+      rewrite <- (names_differ_holds t (n, i) (n, j) _ a' (time_at part m)) by auto.
+      apply GA.
+      * apply guards_iff. exists n. split; auto. apply in_guards_at. right. exists i, j. repeat split; auto.
+        destruct (distinct_values (node_at t n)) as [| x l]; [congruence |].
+        destruct (K x) as [_ (M & _)]; [simpl; auto |]. apply W in M. simpl in M. lia.
+      * apply known_iff, differ_known; auto.
+  - intros a own (time & FA & C & GA & DA). split.
+    + intros o e I. apply (F _ a own); auto. intros; now apply named_under.
+    + intros g J K. apply guards_iff in J as (n & I & J). apply known_iff in K.
+      assert (X : forall o, fst o = n -> forall g0, In g0 (conditions t n) -> 
+        holds (named_values t a own) (time_at part m) (rename_guard (rename t o) g0) =
+        holds (values_for t a own o) time g0).
+      { intros o <- g0 J0. rewrite (G _ a own); auto; [| intros; now apply named_under].
+        apply holds_same; auto. intros; symmetry; now apply T. }
+      apply in_guards_at in J as [(i & g0 & _ & J & ->) | (i & j & [L _] & NE & ->)].
+      * rewrite X by auto. apply GA; auto. now apply renamed_known in K.
+      * rewrite (names_differ_holds t (n, i) (n, j) _ _ _ a time own).
+        -- apply DA; auto. apply differ_known; auto.
+        -- intros x Y. destruct (D n x Y i) as [_ Z]. now rewrite !named_own.
+Qed.
+
+Theorem consistent_iff : forall m, NoDup (domain m) ->
+  (forall o, In o (domain m) -> snd o < times (node_at t (fst o))) ->
+  (consistent m = true <-> Consistent t r m).
+Proof.
+  intros m N W. rewrite consistent_under. destruct (under_names m N W) as [A B].
+  split; [intros (a & H); eexists; eexists; eauto | intros (a & own & H); eauto].
+Qed.
+
+Lemma is_known_basic : forall m o g, basic t = true -> (Known t r m o g <-> IsKnown m g).
+Proof.
+  intros m o g B. unfold Known, IsKnown.
+  assert (V : forall x, (exists p, GivesValue t m p o x) <->
+    exists p q, In p (domain m) /\ pattern_at t p = Some q /\ In x (pattern_variables q)).
+  { intros x. split.
+    - intros (p & I & (q & O & J) & _). exists p, q. rewrite pattern_at_basic; auto.
+    - intros (p & q & I & O & J). exists p. rewrite pattern_at_basic in O by auto.
+      assert (N : forall p, is_own t p x = false) by (intros; now apply no_own, basic_own).
+      repeat split; eauto. now rewrite !N. }
+  split; intros [X Y]; (split; [intros x J; now apply V, X | auto]).
+Qed.
+
+(** In a tree without values of one's own there is one assignment. *)
+Theorem consistent_basic : forall m, basic t = true -> (Consistent t r m <-> exists a time,
+  (forall o e, In (o, e) m -> Fits t a o e) /\
+  (forall p z, time p = Some z <-> IsTime t r m p z) /\
+  (forall n g, In n (map fst r) -> In g (conditions t n) -> IsKnown m g -> holds a time g = true)).
+Proof.
+  intros m B. assert (O := basic_own t B).
+  assert (U : forall a own o x, values_for t a own o x = a x) by (intros; unfold values_for; now rewrite no_own).
+  assert (F : forall a own o e, Fits t (values_for t a own o) o e <-> Fits t a o e).
+  { intros a own o e. unfold Fits. split; intros (L & p & P & H); (split; [auto |]); exists p; (split; [auto |]);
+      (revert H; apply fits_pattern_same; intros; now rewrite U). }
+  split.
+  - intros (a & own & time & FA & T & G & _). exists a, time. split; [| split; [auto |]].
+    + intros o e I. eapply F; eauto.
+    + intros n g I J K. rewrite <- (G (n, 0) g); auto; [apply holds_same; auto | now apply is_known_basic].
+  - intros (a & time & FA & T & G). exists a, (fun _ _ => Null), time. split; [| split; [auto | split]].
+    + intros o e I. apply F; auto.
+    + intros o g I J K. rewrite <- (G (fst o) g); auto; [apply holds_same; auto | now apply is_known_basic in K].
+    + intros n i j _ _ D. exfalso. apply D. specialize (O n). now apply app_eq_nil in O as [O _].
 Qed.
 
 Lemma time_at_same : forall m m' p, (forall o, In o (asked_by part p) -> time_seen m o = time_seen m' o) ->
@@ -651,7 +1150,7 @@ Qed.
 
 Lemma known_same : forall m m' g, (forall o, In o (domain m) <-> In o (domain m')) -> known m g = known m' g.
 Proof.
-  intros m m' g D. apply eq_true_iff_eq. rewrite !known_iff. unfold Known.
+  intros m m' g D. apply eq_true_iff_eq. rewrite !known_iff. unfold IsKnown.
   split; intros [K1 K2]; (split; [intros x X; destruct (K1 x X) as (o & p & I & J); exists o, p; rewrite ?D in *;
     auto; rewrite <- D; auto |]).
   - intros p X. specialize (K2 p X). destruct p; [now apply D | |]; intros o I; apply D; auto.

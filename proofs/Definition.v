@@ -1,4 +1,4 @@
-(** * The meaning of a tree: sections 2 to 4 of [docs/semantics.md]
+(** * The meaning of a tree: section 1.5 and sections 2 to 4 of [docs/semantics.md]
 
     Each definition stands below the clause that it states, quoted from that page with its number.
     The definitions are declarative: nothing here is computed.  [Monitor.v] proves that the
@@ -118,23 +118,131 @@ Definition IsTime (t : tree) (r : resolution) (m : assigned event) (p : point) (
   | End n => Bounds t r m Z.ge n z
   end.
 
-(** A guard is known when its variables are bound and the events of its time points are there. *)
-Definition Known (t : tree) (r : resolution) (m : assigned event) (g : guard) : Prop :=
-  (forall x, In x (variables g) ->
-     exists o p, In o (domain m) /\ on (node_at t (fst o)) = Some p /\ In x (pattern_variables p)) /\
+(* 2.9: A variable that `distinct` or `each` names stands in the `on` of its leaf and besides only in
+   the leaf's guard, which then has no time points. It is not rigid: each of the N events has its own
+   value of it, and the guard holds for each. For any two of the events, with X, Y and X', Y' their
+   values of `distinct X, Y`, the guard `X != X' or Y != Y'` holds. *)
+(** The assignment for the event of an occurrence: [a] for rigid variables, [own] for the others. *)
+Definition values_for (t : tree) (a : nat -> value) (own : occurrence -> nat -> value) (o : occurrence) (x : nat) :=
+  if is_own t o x then own o x else a x.
+
+(** The event of [p] is there and gives a value to the variable [x] of the occurrence [o]. *)
+Definition GivesValue (t : tree) (m : assigned event) (p o : occurrence) (x : nat) : Prop :=
+  In p (domain m) /\ (exists q, on (node_at t (fst p)) = Some q /\ In x (pattern_variables q)) /\
+  (if is_own t o x then p = o else is_own t p x = false).
+
+(** A guard of [o] is known when its variables are bound and the events of its time points are there. *)
+Definition Known (t : tree) (r : resolution) (m : assigned event) (o : occurrence) (g : guard) : Prop :=
+  (forall x, In x (variables g) -> exists p, GivesValue t m p o x) /\
   (forall p, In p (points g) ->
      match p with
      | At n => In (n, 0) (domain m)
      | Start n | End n => forall o, InPart t r n o -> In o (domain m)
      end).
 
+Definition values_differ (own : occurrence -> nat -> value) (o p : occurrence) (xs : list nat) : guard :=
+  differ (map (fun x => (Constant (own o x), Constant (own p x))) xs).
+
 (** Every event fits its occurrence under one assignment of the variables, and every known guard
     holds under it. *)
-Definition Consistent (t : tree) (r : resolution) (m : assigned event) : Prop :=
-  exists a time,
-    (forall o e, In (o, e) m -> Fits t a o e) /\
+Definition ConsistentUnder (t : tree) (r : resolution) (m : assigned event) (a : nat -> value)
+  (own : occurrence -> nat -> value) : Prop :=
+  exists time,
+    (forall o e, In (o, e) m -> Fits t (values_for t a own o) o e) /\
     (forall p z, time p = Some z <-> IsTime t r m p z) /\
-    (forall n g, In n (map fst r) -> In g (conditions t n) -> Known t r m g -> holds a time g = true).
+    (forall o g, In (fst o) (map fst r) -> In g (conditions t (fst o)) -> Known t r m o g ->
+       holds (values_for t a own o) time g = true) /\
+    (forall n i j, i < j -> In n (map fst r) -> distinct_values (node_at t n) <> [] ->
+       (forall x, In x (distinct_values (node_at t n)) ->
+          GivesValue t m (n, i) (n, i) x /\ GivesValue t m (n, j) (n, j) x) ->
+       holds a time (values_differ own (n, i) (n, j) (distinct_values (node_at t n))) = true).
+
+Definition Consistent (t : tree) (r : resolution) (m : assigned event) : Prop :=
+  exists a own, ConsistentUnder t r m a own.
+
+(** *** Absent events, in a trace where [m] has its events at [position] *)
+
+(* 1.5: `without CALL [when GUARD] [for D after | [for D] before]` at a node n says that an event is
+   not there. A variable of CALL or GUARD that occurs in the `on` of no node is the clause's own.
+   CALL is an event type with arguments, and GUARD has no time points. In a match (section 3), let
+   p₁ and p₂ be the first and the last position of the events of n's part. A position breaks the
+   clause if the match does not use it, its event is not late and matches CALL, and GUARD holds,
+   under the assignment of the match extended to the clause's own variables. The clause holds if
+   none of these breaks it: | clause | positions q that may break it | | `without E` | p₁ < q < p₂ |
+   | `without E for D after` | q > p₂ with τ(q) <= end(n) + D, before the clause is decided | |
+   `without E for D before` | q < p₁ with τ(q) >= start(n) - D | | `without E before` | q < p₁ |
+   `for D after` is decided at the first position after p₂ whose defined τ exceeds end(n) + D + L,
+   where L is the duration of `late`, else 0. With an undefined start(n) or end(n) a clause with a
+   duration does not hold; a position with undefined τ breaks none with a duration. The events of a
+   `without` are not relevant by it (3.4). Under `projected` and `consecutive`, irrelevant positions
+   between the used ones can break it, too. The other variables, which the clause shares with the
+   tree, must be bound when they are needed, in every feasible scenario: without `after` by each
+   occurrence of n's part that may come first or one before it, with `after` by an occurrence of n's
+   part or one before such an occurrence. A node with a `without` whose part has no occurrence in a
+   feasible scenario, and a duration in a tree without `time`, are errors as in 1.2. *)
+Section Absent.
+Variable t : tree.
+Variable r : resolution.
+Variable trace : list event.
+Variable position : occurrence -> nat.
+Variable m : assigned event.
+
+(** The events of the part of [n] that are there, and whether all are. *)
+Definition There (n : nat) (o : occurrence) : Prop := InPart t r n o /\ In o (domain m).
+Definition AllThere (n : nat) : Prop := forall o, InPart t r n o -> In o (domain m).
+
+(** The clause [for D after] of [n] is decided at a position: its time exceeds end(n) + D + L. *)
+Definition DecidedAt (n : nat) (d : Z) (i : nat) : Prop :=
+  AllThere n /\ (forall o, InPart t r n o -> position o < i) /\
+  exists e z ends, nth_error trace i = Some e /\ time_of e = Some z /\ IsTime t r m (End n) ends /\
+    (ends + d + match lateness t with Some l => l | None => 0 end < z)%Z.
+
+(** The positions that may break a clause of [n].  Before all events of the part are there, the last
+    position is not known, and start(n) is at most each time so far. *)
+Definition MayBreak (n : nat) (s : side) (i : nat) : Prop :=
+  match s with
+  | During => (exists o, There n o /\ position o < i) /\ (AllThere n -> exists o, There n o /\ i < position o)
+  | After d => AllThere n /\ (forall o, InPart t r n o -> position o < i) /\
+      (exists e z ends, nth_error trace i = Some e /\ time_of e = Some z /\ IsTime t r m (End n) ends /\
+         (z <= ends + d)%Z) /\
+      ~ exists j, j < i /\ DecidedAt n d j
+  | Before d => (exists o, There n o) /\ (forall o, There n o -> i < position o) /\
+      match d with
+      | None => True
+      | Some d => exists e z o f z', nth_error trace i = Some e /\ time_of e = Some z /\
+          There n o /\ In (o, f) m /\ time_of f = Some z' /\ (z' - d <= z)%Z
+      end
+  end.
+
+(** The variables that the clause shares with the tree are bound. *)
+Definition AbsenceKnown (c : absence) : Prop :=
+  forall x, In x (absence_variables c) -> shared t x = true ->
+  exists p, In p (domain m) /\ (exists q, on (node_at t (fst p)) = Some q /\ In x (pattern_variables q)) /\
+    is_own t p x = false.
+
+(** A position breaks a clause under an assignment, extended to the clause's own variables. *)
+Definition Breaks (a : nat -> value) (n : nat) (c : absence) (i : nat) : Prop :=
+  MayBreak n (side_of c) i /\ ~ (exists o, In o (domain m) /\ position o = i) /\
+  exists e a', nth_error trace i = Some e /\ late e = false /\
+    (forall x, shared t x = true -> a' x = a x) /\ fits_pattern a' (absent c) (content e) /\
+    match absent_when c with Some g => holds a' (fun _ => None) g = true | None => True end.
+
+Definition has_duration (s : side) : bool := match s with After _ | Before (Some _) => true | _ => false end.
+
+(* 3.6: Every `without` of the scenario's nodes holds (1.5). *)
+(** No position breaks a clause, as far as the events of its part are there; with an undefined time of
+    the part, a clause with a duration does not hold. *)
+Definition AbsenceHolds (a : nat -> value) (n : nat) (c : absence) : Prop :=
+  (has_duration (side_of c) = true -> AllThere n -> exists z, IsTime t r m (End n) z) /\
+  (AbsenceKnown c -> forall i, ~ Breaks a n c i).
+
+Definition Unbroken : Prop :=
+  exists a own, ConsistentUnder t r m a own /\
+    forall n c, In n (map fst r) -> In c (without (node_at t n)) -> AbsenceHolds a n c.
+
+Definition Decided : Prop :=
+  forall n c d, In n (map fst r) -> In c (without (node_at t n)) -> side_of c = After d -> exists i, DecidedAt n d i.
+End Absent.
 
 (* 2.6: A scenario is infeasible when its precedence is cyclic (a node with an event in the parts of
    two children of one `sand` precedes itself; parts under a `pand` cannot end but with the same
@@ -147,12 +255,16 @@ Definition Feasible (t : tree) (r : resolution) (last : nat -> nat -> occurrence
   (forall n g, In n (map fst r) -> In g (conditions t n) -> variables g = [] -> points g = [] ->
      holds (fun _ => Null) (fun _ => None) g = true).
 
-(** What sections 3 and 4 need of a scenario. *)
+(** What sections 3 and 4 need of a scenario: beside its order and the conditions on an assignment, those
+    on what the trace has at the other positions. *)
 Record scenario E := Scenario {
   occurrences : list occurrence;
   before : occurrence -> occurrence -> Prop;
-  consistent : assigned E -> Prop }.
-Arguments occurrences {E}. Arguments before {E}. Arguments consistent {E}.
+  consistent : assigned E -> Prop;
+  unbroken : list E -> (occurrence -> nat) -> assigned E -> Prop;
+  decided : list E -> (occurrence -> nat) -> assigned E -> Prop }.
+Arguments occurrences {E}. Arguments before {E}. Arguments consistent {E}. Arguments unbroken {E}.
+Arguments decided {E}.
 
 (* 2.8: A branch, the unit that properties are extracted from, resolves only the `or` gates and keeps
    `KofN`. Branches are numbered from 1, in Python too; the `or` nearest the root varies fastest
@@ -187,12 +299,17 @@ Definition Selected (t : tree) (s : selection) (r : resolution) : Prop :=
 
 (* 2.7: A scenario is thus a labelled partial order of occurrences plus guards, and the tree is the
    union of its feasible scenarios. *)
-(** The feasible scenarios of a tree; under [pand] one for each way in which its parts end. *)
-Definition IsScenario (t : tree) (s : selection) (c : scenario event) : Prop :=
+(** The feasible scenarios of a tree; under [pand] one for each way in which its parts end.  [past] are
+    the events before the trace, with which only absent events are concerned. *)
+Definition IsScenario (t : tree) (s : selection) (past : list event) (c : scenario event) : Prop :=
   exists r last, Resolution t r /\ Selected t s r /\ Lasts t r last /\ Feasible t r last /\
     (forall o, In o (occurrences c) <-> Occurs t r o) /\
     (forall p o, Occurs t r p -> Occurs t r o -> (before c p o <-> Precedes t r last p o)) /\
-    (forall m, NoDup (domain m) -> (consistent c m <-> Consistent t r m)).
+    (forall m, NoDup (domain m) -> incl (domain m) (occurrences c) -> (consistent c m <-> Consistent t r m)) /\
+    (forall trace position m, NoDup (domain m) -> incl (domain m) (occurrences c) -> consistent c m ->
+       let at_position := fun o => length past + position o in
+       (unbroken c trace position m <-> Unbroken t r (past ++ trace) at_position m) /\
+       (decided c trace position m <-> Decided t r (past ++ trace) at_position m)).
 
 (** ** Section 3: detection *)
 
@@ -237,8 +354,15 @@ Definition match_positions (s : semantics) (trace : list E) (used : nat -> Prop)
   | Scattered => True
   end.
 
+(* 4.7: Absent events. The match of 4.1 has all its clauses `for D after` decided (1.5). In a partial
+   match no position of u breaks a `without`, whatever events follow: of a part with some, not all of
+   its events, p₁ is known, p₂ and end(n) are not, and start(n) is at most the least defined time so
+   far. A match with a clause that is not decided counts as a partial match, which has all its
+   occurrences and which later positions do not extend. After a repetition, events before the last
+   detection can still break a `without … before`. *)
 Definition Match (s : semantics) (c : scenario E) (trace : list E) : Prop :=
-  exists position m, Partial c trace position m /\ complete c m /\ match_positions s trace (Used position m).
+  exists position m, Partial c trace position m /\ complete c m /\ match_positions s trace (Used position m) /\
+    unbroken c trace position m /\ decided c trace position m.
 
 (** ** Section 4: verdicts *)
 
@@ -263,7 +387,9 @@ Definition partial_positions (s : semantics) (trace : list E) (used : nat -> Pro
   end.
 
 Definition PartialMatch (s : semantics) (c : scenario E) (trace : list E) : Prop :=
-  exists position m, Partial c trace position m /\ ~ complete c m /\ partial_positions s trace (Used position m).
+  exists position m, Partial c trace position m /\ unbroken c trace position m /\
+    (~ complete c m /\ partial_positions s trace (Used position m) \/
+     complete c m /\ match_positions s trace (Used position m) /\ ~ decided c trace position m).
 
 Definition Left (s : semantics) (trace : list E) : Prop := exists c, Scenarios c /\ PartialMatch s c trace.
 
@@ -279,22 +405,52 @@ Definition Verdict (s : semantics) (trace : list E) (v : verdict) : Prop :=
   | Unknown => ~ Detected s trace /\ Left s trace
   end.
 
+(* 4.8: Passing time. No condition looks at the machine's clock. A live monitor may be given a time
+   t that has come; that is an event of time t without content, at no position. It may be given the
+   end of the trace: then every `for D after` of a match is decided. With `--key`, the time of an
+   event of another key decides, too, but makes no event late. *)
+(** The end of the trace; a time that has come is not stated. *)
+Definition at_end (c : scenario E) : scenario E :=
+  Scenario E (occurrences c) (before c) (consistent c) (unbroken c) (fun _ _ _ => True).
+
+Definition DetectedAtEnd (s : semantics) (trace : list E) : Prop :=
+  Detected s trace \/ exists c, Scenarios c /\ Match s (at_end c) trace.
+
+Definition VerdictAtEnd (s : semantics) (trace : list E) (v : verdict) : Prop :=
+  match v with
+  | Top => DetectedAtEnd s trace
+  | Bottom => ~ DetectedAtEnd s trace /\ ~ Left s trace
+  | Unknown => ~ DetectedAtEnd s trace /\ Left s trace
+  end.
+
 (* 4.5: Repetition is an option of monitoring, not of the tree: after ⊤ the monitor starts afresh
    with the next event, as if the trace began there, and what was used is not used again (in SQL:
    AFTER MATCH SKIP PAST LAST ROW). So the verdict is ⊤ at each event that detects, and after others
    what it is for the events since the last detection; ⊥ stays final. Positions count in the whole
    trace, and an event is late by the times of the whole trace. *)
-(** The events since the last detection, if monitoring starts afresh after each. *)
+End Detection.
+
+Section Repetition.
+Context {E : Type}.
+Variable Relevant : E -> Prop.
+Variable Scenarios : list E -> scenario E -> Prop.       (* after events of the past *)
+
+(** The events up to the last detection and since it, if monitoring starts afresh after each. *)
 Inductive Since (s : semantics) : list E -> list E -> Prop :=
 | since_start : Since s [] []
-| since_before : forall trace recent e,
-    Since s trace recent -> ~ Detected s recent -> Since s (trace ++ [e]) (recent ++ [e])
-| since_detection : forall trace recent e,
-    Since s trace recent -> Detected s recent -> Since s (trace ++ [e]) [e].
+| since_before : forall past recent e,
+    Since s past recent -> ~ Detected Relevant (Scenarios past) s recent -> Since s past (recent ++ [e])
+| since_detection : forall past recent e,
+    Since s past recent -> Detected Relevant (Scenarios past) s recent -> Since s (past ++ recent) [e].
 
 Definition RepeatedVerdict (s : semantics) (trace : list E) (v : verdict) : Prop :=
-  exists recent, Since s trace recent /\ Verdict s recent v.
-End Detection.
+  exists past recent, trace = past ++ recent /\ Since s past recent /\
+    Verdict Relevant (Scenarios past) s recent v.
+
+Definition RepeatedVerdictAtEnd (s : semantics) (trace : list E) (v : verdict) : Prop :=
+  exists past recent, trace = past ++ recent /\ Since s past recent /\
+    VerdictAtEnd Relevant (Scenarios past) s recent v.
+End Repetition.
 
 (** ** The verdict of a tree on a log *)
 
@@ -335,7 +491,7 @@ Definition RelevantEvent (t : tree) (e : event) : Prop :=
 (* 3.5: A monitor for one branch or one kind uses the scenarios of those branches and the alphabet of
    the whole tree. *)
 Definition VerdictOfTree (t : tree) (w : selection) (s : semantics) (trace : list event) (v : verdict) : Prop :=
-  Verdict (RelevantEvent t) (IsScenario t w) s trace v.
+  Verdict (RelevantEvent t) (IsScenario t w []) s trace v.
 
 Definition RepeatedVerdictOfTree (t : tree) (w : selection) (s : semantics) (trace : list event) (v : verdict) : Prop :=
   RepeatedVerdict (RelevantEvent t) (IsScenario t w) s trace v.

@@ -171,6 +171,7 @@ Notation os := (occurrences_of t r).
 Notation atom_of := (scenario_atom t timed (scenario_guards t part guards)).
 
 Hypothesis constants : constants_hold guards = true.
+Hypothesis simple : basic t = true.
 Hypothesis untimed : forall g, In g guards -> points g = [].
 Hypothesis unclocked : forall o q, In o os -> atom_of o = Some q -> atom_time q = None.
 
@@ -190,14 +191,17 @@ Definition Follows (b : assignment) (m : assigned event) : Prop :=
   forall a x, Under t guards part a m -> In x shared -> In x (variables_of t (domain m)) -> b x = Some (a x).
 
 Lemma bound_of : forall m, bound_variables t m = variables_of t (domain m).
-Proof. reflexivity. Qed.
+Proof.
+  intros m. unfold bound_variables, variables_of, node_variables. apply flat_map_ext_in. intros o _.
+  now rewrite pattern_at_basic.
+Qed.
 
 Lemma known_untimed : forall m g, In g guards -> (known t part m g = true <-> incl (variables g) (variables_of t (domain
   m))).
 Proof.
   intros m g I. unfold known. rewrite (untimed g I). simpl. rewrite andb_true_r, forallb_forall. split.
-  - intros H x X. now apply Conditions.member_iff, H.
-  - intros H x X. now apply Conditions.member_iff, H.
+  - intros H x X. rewrite <- bound_of. now apply Conditions.member_iff, H.
+  - intros H x X. rewrite <- bound_of in H. now apply Conditions.member_iff, H.
 Qed.
 
 Lemma guard_same : forall a a' time time' g, In g guards -> (forall x, In x (variables g) -> a x = a' x) ->
@@ -262,7 +266,8 @@ Proof.
   cbn [atom_pattern atom_time atom_guards]. split.
   - intros (a & U).
     assert (UM := under_rest a o e m U).
-    destruct (proj1 U o e) as (L & p' & P' & F); [simpl; auto |]. rewrite P in P'. injection P' as <-.
+    destruct (proj1 U o e) as (L & p' & P' & F); [simpl; auto |].
+    rewrite pattern_at_basic, P in P' by exact simple. injection P' as <-.
     assert (V : forall x, In x (pattern_variables p) -> b' x = Some (a x)).
     { intros x X. unfold completed. destruct (OLD a x UM X) as [[_ ->] | (_ & -> & ->)]; auto.
       apply found_fits with p; auto. now apply Conditions.member_iff. }
@@ -297,11 +302,13 @@ Proof.
       unfold values_of. now rewrite (completed_grows hidden b e x _ Q). }
     exists a. split.
     + intros o' e' [Q | I].
-      * injection Q as <- <-. split; auto. exists p; split; auto. apply fits_pattern_same with (values_of b'); auto.
+      * injection Q as <- <-. split; auto. exists p. rewrite pattern_at_basic by exact simple. split; auto.
+        apply fits_pattern_same with (values_of b'); auto.
         intros x X. now rewrite AP.
       * destruct (proj1 U0 o' e' I) as (L' & p' & P' & F'). split; auto. exists p'; split; auto.
         apply fits_pattern_same with a0; auto. intros x X. symmetry. apply AM. apply in_flat_map. exists o'.
-        split; [apply in_domain; eauto |]. unfold node_variables. now rewrite P'.
+        split; [apply in_domain; eauto |]. unfold node_variables. rewrite pattern_at_basic in P' by exact simple.
+        now rewrite P'.
     + intros g I K. apply known_untimed in K; auto. rewrite VO in K.
       destruct (existsb (fun x => mentions x p) (variables g)) eqn:X.
       * assert (C : is_constant g = false).
@@ -339,7 +346,8 @@ Proof.
   assert (UM := under_rest a o e m U).
   specialize (B x S X). unfold binds in B. destruct (c x) as [v |] eqn:Q; [| discriminate]. f_equal.
   apply W in Q. simpl in X. apply in_app_iff in X as [X | X].
-  - destruct (proj1 U o e) as (L & p & P & F); [simpl; auto |]. unfold node_variables in X. rewrite P in X.
+  - destruct (proj1 U o e) as (L & p & P & F); [simpl; auto |]. rewrite pattern_at_basic in P by exact simple.
+    unfold node_variables in X. rewrite P in X.
     unfold completed in Q. destruct (b x) as [w |] eqn:BX.
     + injection Q as ->. destruct (in_dec Nat.eq_dec x (variables_of t (domain m))) as [D | D].
       * apply (proj2 follows a x UM S) in D. congruence.
@@ -466,7 +474,7 @@ Definition scenes : list scene :=
 
 (** No guard is about time, and all atoms are numbered. *)
 Definition all_untimed : bool :=
-  forallb (fun b => b) (selected_scenarios (fun guards _ _ _ => forallb (fun g => is_nil (points g)) guards) t w) &&
+  basic t && forallb (fun b => b) (selected_scenarios (fun guards _ _ _ => forallb (fun g => is_nil (points g)) guards) t w) &&
   forallb (forallb (fun q => match atom_time q with None => true | Some _ => false end)) (shape_atoms t w).
 
 Hypothesis well : WellFormed t.
@@ -477,6 +485,9 @@ Variable s : semantics.
 
 Notation tree_states c := (states (relevant_event t) s (scene_plan c)).
 Notation slice_states c := (states (relevant sat) s (plain sat (scene_shape c))).
+
+Lemma untimed_basic : basic t = true.
+Proof. assert (U := untimed). unfold all_untimed in U. rewrite !andb_true_iff in U. apply U. Qed.
 
 Lemma scene_plans : map scene_plan scenes = plans t w.
 Proof. unfold scenes. cbv zeta. now rewrite map_scenarios. Qed.
@@ -519,7 +530,8 @@ Lemma scene_facts : forall c, In c scenes -> exists r before,
 Proof.
   intros c I. apply in_scenarios in I as (r & chosen & R & S & C & L & A & ->). cbv zeta in *.
   exists r, (precedes (node_pairs t r) (end_pairs t r (last_in chosen))). split; [reflexivity |]. split; [exact C |].
-  unfold all_untimed in untimed. apply andb_true_iff in untimed as [U T]. rewrite forallb_forall in U, T. split.
+  assert (UT := untimed). unfold all_untimed in UT. rewrite !andb_true_iff in UT. destruct UT as [[_ U] T].
+  rewrite forallb_forall in U, T. split.
   - assert (G : forallb (fun g => is_nil (points g)) (guards_of t r) = true)
       by (apply U, in_scenarios; exists r, chosen; repeat split; auto).
     rewrite forallb_forall in G.
@@ -561,7 +573,7 @@ Proof.
     b (forget m)) -> tree_states c u = map forget (slice_states c p) ->
     forall e, tree_states c (u ++ [e]) = map forget (slice_states c (p ++ [(e, completed patterns hidden b e)]))).
   { intros u p b hidden bound F L S e. rewrite !states_snoc, S. rewrite Q in *. cbn [scene_plan scene_shape scene_atom] in *.
-    apply (step_followed patterns patterns_determined t r timed before shared C U UC sat required RQ PK
+    apply (step_followed patterns patterns_determined t r timed before shared C untimed_basic U UC sat required RQ PK
       (slice_relevant t ps qs) b hidden bound (followed_bound u p b hidden bound F)); auto.
     - apply states_consistent.
     - intros m o I J R. apply (followed_fair u p b hidden bound F _ m c_scene I); auto. }
@@ -569,11 +581,11 @@ Proof.
     tree_states c u = map forget (slice_states c p)); [| destruct B; split; [| split]; eauto].
   induction F as [hidden F0 | u p b hidden bound e b' hidden' bound' F [IHF IHS] G W B FA]; split.
   - intros m I. rewrite Q in I. destruct I as [<- | []].
-    now apply (nothing_follows t r shared).
-  - rewrite Q. apply (start_followed t r before shared C U sat required).
+    apply (nothing_follows t r shared); auto using untimed_basic.
+  - rewrite Q. apply (start_followed t r before shared C untimed_basic U sat required).
   - intros m I. rewrite states_snoc in I. assert (FA' := FA c). rewrite Q in *.
     cbn [scene_plan scene_shape scene_atom] in *.
-    apply (step_follows patterns patterns_determined t r timed before shared C U UC sat required RQ PK
+    apply (step_follows patterns patterns_determined t r timed before shared C untimed_basic U UC sat required RQ PK
       b hidden bound (followed_bound u p b hidden bound F) _ IHF) with (s := s) (e := e); auto.
     + apply states_consistent.
     + intros m' o J K R. apply (followed_fair u p b hidden bound F _ m' c_scene J); auto.
@@ -646,7 +658,7 @@ Notation reached := (automaton_after sat numbers s (slice_shapes t ps qs w)).
 
 Lemma alike_correct : forall u p, Alike u p -> SameStates u p -> VerdictOfTree t w s u (verdict_at (reached p)).
 Proof.
-  intros u p A S. apply (tree_plans_verdict t w well). rewrite automaton_verdict by auto.
+  intros u p A S. apply (tree_plans_verdict t w well untimed_basic). rewrite automaton_verdict by auto.
   rewrite <- scene_shapes, map_map, <- (alike_verdict u p A S), scene_plans. apply verdict_correct.
   now apply plans_lawful.
 Qed.

@@ -19,7 +19,7 @@ Extract Inlined Constant Nat.ltb => "(fun (m : int) (n : int) -> m < n)".
 
 Extraction Language OCaml.
 Extraction "rvaft_monitor.ml"
-  well_formed first next next_repeated verdict_after mark greatest
+  well_formed basic no_absences first first_after next finish next_repeated verdict_after mark greatest
   branches has_kind
   object parse_number integer
   text_predicates same_predicate predicate_of relevance_entries sample satisfies conflict letter_of

@@ -59,7 +59,7 @@ Variable os : list occurrence.
 Variable before : occurrence -> occurrence -> bool.
 
 Definition pattern_names (o : occurrence) : list nat :=
-  match on (node_at t (fst o)) with Some p => pattern_variables p | None => [] end.
+  match pattern_at t o with Some p => pattern_variables p | None => [] end.
 
 (** The variables that a later event or an undecided guard asks for. *)
 Definition asked_variables (m : assigned event) : list nat :=
@@ -221,7 +221,7 @@ Proof.
   - apply (consistent_lawful t guards part r part_iff).
   - intros e o I. now apply filter_In in I.
   - intros e o m I C. apply filter_In; split; auto. apply consistent_under in C as (a & F & _).
-    assert (X : Fits t a o e) by (apply F; simpl; auto).
+    assert (X : fits_at t a o e) by (apply F; simpl; auto).
     apply (observed_iff t) in X as (bs & J & _). destruct (observed t o e); [destruct J | auto].
   - intros m m' N N' _ _ C K. now apply covered_le.
 Qed.

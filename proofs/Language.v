@@ -138,6 +138,12 @@ Inductive gate := Leaf | Or | And | Sand | SandRl | Pand | AtLeast (k : nat).
 
 Inductive kind := Fault | Attack.
 
+(** [without CALL when GUARD]: an event that may not be there, during, [for D after], or [for D] before
+    the part of its node (section 1.5). *)
+Inductive side := During | After (d : Z) | Before (d : option Z).
+
+Record absence := Absence { absent : pattern; absent_when : option guard; side_of : side }.
+
 Record node := Node {
   gate_of : gate;
   children : list nat;
@@ -145,7 +151,10 @@ Record node := Node {
   times : nat;
   when : option guard;
   within : option Z;
-  kind_of : option kind }.
+  kind_of : option kind;
+  distinct_values : list nat;
+  each_values : list nat;
+  without : list absence }.
 
 Record tree := Tree {
   nodes : list node;
@@ -153,8 +162,17 @@ Record tree := Tree {
   ignores : list (pattern * option guard);
   lateness : option Z }.
 
-Definition nowhere : node := Node Leaf [] None 1 None None None.
+Definition nowhere : node := Node Leaf [] None 1 None None None [] [] [].
 Definition node_at (t : tree) (n : nat) : node := nth n (nodes t) nowhere.
+
+(** The variables that each event of a node has for itself (clause 2.9). *)
+Definition own_values (d : node) : list nat := distinct_values d ++ each_values d.
+Definition is_own (t : tree) (o : occurrence) (x : nat) : bool :=
+  existsb (Nat.eqb x) (own_values (node_at t (fst o))).
+
+(** For pairs (X, X'), (Y, Y'), ... of values: [X != X' or Y != Y' or ...]. *)
+Definition differ (pairs : list (guard * guard)) : guard :=
+  fold_right (fun one rest => OrElse (Apply Differs [fst one; snd one]) rest) (Constant (Bool false)) pairs.
 
 (** [within D] at a node is the guard [end(n) - start(n) <= D]. *)
 Definition window (n : nat) (d : Z) : guard :=
@@ -164,7 +182,19 @@ Definition conditions (t : tree) (n : nat) : list guard :=
   match when (node_at t n) with Some g => [g] | None => [] end ++
   match within (node_at t n) with Some d => [window n d] | None => [] end.
 
-(** The root is node 0, children have greater numbers, and the variables of an [ignore] are its own. *)
+(** Whether a variable occurs in the [on] of some node, where its value is not one of the event alone. *)
+Definition shared (t : tree) (x : nat) : bool :=
+  existsb (fun n => match on (node_at t n) with
+                    | Some p => existsb (Nat.eqb x) (pattern_variables p) && negb (is_own t (n, 0) x)
+                    | None => false
+                    end) (seq 0 (length (nodes t))).
+
+(** The variables of an absent event. *)
+Definition absence_variables (c : absence) : list nat :=
+  pattern_variables (absent c) ++ match absent_when c with Some g => variables g | None => [] end.
+
+(** The root is node 0, children have greater numbers, the variables of an [ignore] are its own, and those
+    of a [without] are its own or occur in the tree. *)
 Definition well_formed (t : tree) : bool :=
   Nat.ltb 0 (length (nodes t)) &&
   forallb (fun entry => forallb (fun c => Nat.ltb (fst entry) c && Nat.ltb c (length (nodes t))) (children (snd entry)))
@@ -172,4 +202,7 @@ Definition well_formed (t : tree) : bool :=
   forallb (fun i => match snd i with
                     | Some g => forallb (fun x => existsb (Nat.eqb x) (pattern_variables (fst i))) (variables g)
                     | None => true
-                    end) (ignores t).
+                    end) (ignores t) &&
+  forallb (fun d => forallb (fun c =>
+      forallb (fun x => existsb (Nat.eqb x) (pattern_variables (absent c)) || shared t x) (absence_variables c))
+    (without d)) (nodes t).

@@ -5,7 +5,7 @@
 
 Require Import List Bool Arith ZArith Lia Permutation.
 Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Scenarios
-  RVAFT.Pruning RVAFT.Keys.
+  RVAFT.Waiting RVAFT.Absences RVAFT.Pruning RVAFT.Keys.
 Import ListNotations.
 
 (** ** Late events *)
@@ -222,23 +222,40 @@ Proof.
   apply resolutions_iff in I; auto. apply (tracked_sound t _ _ _ _ r). now apply parts_iff.
 Qed.
 
-Definition state := pruned_monitor event key.
+(** A tree without absent events is watched by the search that drops partial matches which others cover. *)
+Inductive state := Pruned (x : pruned_monitor event key) | Watched (x : watch event).
 
-(** The monitor of a tree: its first state, and the state after an event. *)
-Definition first (t : tree) (w : selection) : state := pruned_init (all_tracked t w).
+(** The monitor of a tree: its first state after events of the past, and the state after an event. *)
+Definition first_after (t : tree) (w : selection) : list event -> state :=
+  if no_absences t
+  then let x := Pruned (pruned_init (all_tracked t w)) in fun _ => x
+  else let qs := all_watched t w in fun past => Watched (watch_init past qs).
+Definition first (t : tree) (w : selection) : state := first_after t w [].
 Definition next (t : tree) (s : semantics) : state -> event -> state :=
-  let relevant := relevant_event t in pruned_advance relevant covered s.
-Definition verdict_after (x : state) : verdict := pruned_verdict x.
+  let relevant := relevant_event t in
+  fun x e => match x with
+             | Pruned x => Pruned (pruned_advance relevant covered s x e)
+             | Watched x => Watched (watch_advance relevant s x e)
+             end.
+Definition verdict_after (x : state) : verdict :=
+  match x with Pruned x => pruned_verdict x | Watched x => watch_verdict x end.
+
+(** The state after the end of the trace. *)
+Definition finish (x : state) : state := match x with Pruned x => Pruned x | Watched x => Watched (watch_finish x) end.
 
 (** With repetition: after a detection it starts afresh with the next event. *)
-Definition next_repeated (begin : state) (step : state -> event -> state) (x : state) (e : event) : state :=
-  match x with Finished => step begin e | Active _ => step x e end.
+Definition next_repeated (begin : list event -> state) (step : state -> event -> state) (x : state) (e : event) :=
+  match x with
+  | Pruned Finished => step (begin []) e
+  | Watched (Ended h) => step (begin h) e
+  | _ => step x e
+  end.
 
 (** *** The verdict depends only on the scenarios up to [Alike] *)
 
 Lemma alike_partial : forall E (c d : scenario E), Alike c d -> forall u pos m, Partial c u pos m -> Partial d u pos m.
 Proof.
-  intros E c d [O B C] u pos m []; constructor; auto.
+  intros E c d [O B C _] u pos m []; constructor; auto.
   - intros o I. now apply O, of_scenario.
   - intros o p I J H. apply downward_closed with o; auto; [now apply O |]. apply B; auto. now apply O.
   - intros o p I J H. apply precedence_kept; auto. apply B; auto.
@@ -247,23 +264,22 @@ Qed.
 
 Lemma alike_sym : forall E (c d : scenario E), Alike c d -> Alike d c.
 Proof.
-  intros E c d [O B C]; constructor.
+  intros E c d [O B C U]; constructor.
   - intros o; symmetry; auto.
   - intros p o I J. symmetry. apply B; now apply O.
-  - intros m N; symmetry; auto.
+  - intros m N I; symmetry. apply C; auto. intros o J. now apply O, I.
+  - intros u pos m N I K. assert (J : incl (domain m) (occurrences c)) by (intros o J; now apply O, I).
+    destruct (U u pos m N J) as [A D]; [now apply C | split; symmetry; auto].
 Qed.
 
 Lemma alike_complete : forall E (c d : scenario E) m, Alike c d -> complete c m -> complete d m.
-Proof. intros E c d m [O _ _] H o I. apply H. now apply O. Qed.
+Proof. intros E c d m [O _ _ _] H o I. apply H. now apply O. Qed.
 
-(** Which positions a match or a partial match may use depends on the relevant ones only. *)
-Lemma positions_same : forall A B (R : A -> Prop) (R' : B -> Prop) s u u' used used', length u = length u' ->
-  (forall i, RelevantAt R u i <-> RelevantAt R' u' i) -> (forall i, used i <-> used' i) ->
-  (match_positions R s u used <-> match_positions R' s u' used') /\
-  (partial_positions R s u used <-> partial_positions R' s u' used').
+Lemma alike_watched : forall E (c d : scenario E), Alike c d -> forall u pos m, Partial c u pos m ->
+  (unbroken c u pos m <-> unbroken d u pos m) /\ (decided c u pos m <-> decided d u pos m).
 Proof.
-  intros A B R R' s u u' used used' L RE U.
-  destruct s; simpl; rewrite ?L; split; repeat setoid_rewrite U; repeat setoid_rewrite RE; tauto.
+  intros E c d A u pos m P. apply (alike_unbroken _ _ A); [apply (once _ _ _ _ P) | apply (of_scenario _ _ _ _ P) |
+    apply (conditions_hold _ _ _ _ P)].
 Qed.
 
 Lemma relevant_positions_same : forall E (Rel Rel' : E -> Prop) s u used, (forall e, Rel e <-> Rel' e) ->
@@ -278,19 +294,24 @@ Lemma detected_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop
   (forall c, S c -> exists d, S' d /\ Alike c d) ->
   forall s u, Detected Rel S s u -> Detected Rel' S' s u.
 Proof.
-  intros E Rel Rel' S S' R F s u (w & v & c & Q & I & pos & m & P & C & M). destruct (F c I) as (d & J & A).
+  intros E Rel Rel' S S' R F s u (w & v & c & Q & I & pos & m & P & C & M & U). destruct (F c I) as (d & J & A).
   exists w, v, d. split; [auto | split; [auto |]]. exists pos, m. split; [eapply alike_partial; eauto |].
-  split; [eapply alike_complete; eauto |]. now apply (relevant_positions_same E Rel Rel' s w _ R).
+  split; [eapply alike_complete; eauto |]. split; [now apply (relevant_positions_same E Rel Rel' s w _ R) |].
+  destruct (alike_watched E c d A w pos m P). tauto.
 Qed.
 
 Lemma left_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (forall e, Rel e <-> Rel' e) ->
   (forall c, S c -> exists d, S' d /\ Alike c d) ->
   forall s u, Left Rel S s u -> Left Rel' S' s u.
 Proof.
-  intros E Rel Rel' S S' R F s u (c & I & pos & m & P & C & M). destruct (F c I) as (d & J & A).
-  exists d; split; auto. exists pos, m. split; [eapply alike_partial; eauto |].
-  split; [intros X; apply C; eapply alike_complete; eauto using alike_sym |].
-  now apply (relevant_positions_same E Rel Rel' s u _ R).
+  intros E Rel Rel' S S' R F s u (c & I & pos & m & P & U & H). destruct (F c I) as (d & J & A).
+  destruct (alike_watched E c d A u pos m P) as [UB DE].
+  exists d; split; auto. exists pos, m. split; [eapply alike_partial; eauto |]. split; [now apply UB |].
+  destruct H as [[C M] | (C & M & D)]; [left | right].
+  - split; [intros X; apply C; eapply alike_complete; eauto using alike_sym |].
+    now apply (relevant_positions_same E Rel Rel' s u _ R).
+  - split; [eapply alike_complete; eauto |]. split; [now apply (relevant_positions_same E Rel Rel' s u _ R) |].
+    now rewrite <- DE.
 Qed.
 
 Lemma verdict_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (forall e, Rel e <-> Rel' e) ->
@@ -305,46 +326,167 @@ Proof.
   destruct v; simpl in *; rewrite <- ?D, <- ?L; auto.
 Qed.
 
+(** The monitor after events of the past: its states, and the verdict of the definition. *)
+Lemma run_pruned : forall t w s past trace, no_absences t = true ->
+  fold_left (next t s) trace (first_after t w past) =
+  Pruned (pruned_run (relevant_event t) covered s (all_tracked t w) trace).
+Proof.
+  intros t w s past trace N. unfold first_after, pruned_run. rewrite N. generalize (pruned_init (all_tracked t w)).
+  induction trace as [| e trace IH]; simpl; intros x; auto.
+Qed.
+
+Lemma run_watched : forall t w s past trace, no_absences t = false ->
+  fold_left (next t s) trace (first_after t w past) =
+  Watched (watch_run (relevant_event t) s past (all_watched t w) trace).
+Proof.
+  intros t w s past trace N. unfold first_after, watch_run. rewrite N. generalize (watch_init past (all_watched t w)).
+  induction trace as [| e trace IH]; simpl; intros x; auto.
+Qed.
+
+Lemma after_correct : forall t w s past trace, well_formed t = true ->
+  Verdict (RelevantEvent t) (IsScenario t w past) s trace
+    (verdict_after (fold_left (next t s) trace (first_after t w past))).
+Proof.
+  intros t w s past trace W. apply well_formed_iff in W. destruct (no_absences t) eqn:N.
+  - rewrite run_pruned by auto. apply (verdict_same _ (fun e => relevant_event t e = true) _ (Scenarios (plans t w))).
+    + intros e. now apply relevant_event_iff.
+    + intros c (d & I & ->). exists (denoted d). split; [now apply plans_sound |].
+      constructor; intros; reflexivity || (split; reflexivity).
+    + intros c I. destruct (plans_complete t w past c W N I) as (d & J & A). exists (denoted d); split; auto.
+      exists d; auto.
+    + rewrite <- tracked_plans. apply (pruned_is_verdict (relevant_event t) covered). now apply all_sound.
+  - rewrite run_watched by auto.
+    apply (verdict_same _ (fun e => relevant_event t e = true) _ (ScenariosAfter past (all_watched t w))).
+    + intros e. now apply relevant_event_iff.
+    + intros c (q & I & ->). exists (denoted_after past q). split; [now apply watched_sound |].
+      constructor; intros; reflexivity || (split; reflexivity).
+    + intros c I. destruct (watched_complete t w past c W I) as (q & J & A).
+      exists (denoted_after past q); split; auto.
+      exists q; auto.
+    + apply watch_correct. now apply all_watchable.
+Qed.
+
+Lemma at_end_same : forall E (Rel Rel' : E -> Prop) (S S' : scenario E -> Prop), (forall e, Rel e <-> Rel' e) ->
+  (forall c, S c -> exists d, S' d /\ Alike c d) ->
+  forall s u, DetectedAtEnd Rel S s u -> DetectedAtEnd Rel' S' s u.
+Proof.
+  intros E Rel Rel' S S' R F s u [D | (c & I & pos & m & P & C & M & U & _)]; [left; eapply detected_same; eauto |].
+  right. destruct (F c I) as (d & J & A). exists d. split; auto. exists pos, m.
+  assert (P' : Partial c u pos m) by (destruct P; constructor; auto).
+  assert (Q := alike_partial E c d A u pos m P').
+  split; [destruct Q; constructor; auto |]. split; [exact (alike_complete E c d m A C) |].
+  split; [now apply (relevant_positions_same E Rel Rel' s u _ R) | split; [| exact Logic.I]].
+  now apply (alike_watched E c d A u pos m P').
+Qed.
+
+Lemma finish_after : forall t w s past trace, well_formed t = true ->
+  VerdictAtEnd (RelevantEvent t) (IsScenario t w past) s trace
+    (verdict_after (finish (fold_left (next t s) trace (first_after t w past)))).
+Proof.
+  intros t w s past trace W. assert (V := after_correct t w s past trace W). destruct (no_absences t) eqn:N.
+  - rewrite run_pruned in * by auto. cbn [finish].
+    assert (D : DetectedAtEnd (RelevantEvent t) (IsScenario t w past) s trace <->
+      Detected (RelevantEvent t) (IsScenario t w past) s trace).
+    { split; [| left; auto]. intros [D | (c & I & pos & m & P & C & M & U & _)]; auto.
+      exists trace, [], c. rewrite app_nil_r. split; [auto | split; [auto |]]. exists pos, m.
+      assert (P' : Partial c trace pos m) by (destruct P; constructor; auto).
+      split; [auto | split; [auto | split; [auto | split; [auto |]]]].
+      apply (scenario_quiet t w past c N I); [apply (once _ _ _ _ P') | apply (of_scenario _ _ _ _ P') |
+        apply (conditions_hold _ _ _ _ P')]. }
+    destruct (verdict_after (Pruned _)); simpl in *; tauto.
+  - rewrite run_watched in * by auto. cbn [finish verdict_after] in *. apply well_formed_iff in W.
+    assert (X := finish_correct (relevant_event t) s past (all_watched t w) trace (all_watchable t w W)).
+    assert (R : forall e, relevant_event t e = true <-> RelevantEvent t e) by (intros; now apply relevant_event_iff).
+    assert (F : forall c, ScenariosAfter past (all_watched t w) c -> exists d, IsScenario t w past d /\ Alike c d).
+    { intros c (q & I & ->). exists (denoted_after past q). split; [now apply watched_sound |].
+      constructor; intros; reflexivity || (split; reflexivity). }
+    assert (B : forall c, IsScenario t w past c -> exists d, ScenariosAfter past (all_watched t w) d /\ Alike c d).
+    { intros c I. destruct (watched_complete t w past c W I) as (q & J & A). exists (denoted_after past q); split; auto.
+      exists q; auto. }
+    assert (D : DetectedAtEnd (RelevantEvent t) (IsScenario t w past) s trace <->
+      DetectedAtEnd (fun e => relevant_event t e = true) (ScenariosAfter past (all_watched t w)) s trace).
+    { split; apply at_end_same; auto. intros; symmetry; auto. }
+    assert (L : Left (RelevantEvent t) (IsScenario t w past) s trace <->
+      Left (fun e => relevant_event t e = true) (ScenariosAfter past (all_watched t w)) s trace).
+    { split; apply left_same; auto. intros; symmetry; auto. }
+    destruct (watch_verdict (watch_finish _)); simpl in *; tauto.
+Qed.
+
 (** For a well-formed tree, every selection, every semantics and every trace, the monitor gives the
     verdict of the definition. *)
 Theorem monitor_correct : forall t w s trace, well_formed t = true ->
   VerdictOfTree t w s trace (verdict_after (fold_left (next t s) trace (first t w))).
-Proof.
-  intros t w s trace W. apply well_formed_iff in W. unfold VerdictOfTree.
-  apply (verdict_same _ (fun e => relevant_event t e = true) _ (Scenarios (plans t w))).
-  - intros e. now apply relevant_event_iff.
-  - intros c (d & I & ->). exists (denoted d). split; [now apply plans_sound |]. constructor; intros; reflexivity.
-  - intros c I. destruct (plans_complete t w c W I) as (d & J & A). exists (denoted d); split; auto. exists d; auto.
-  - rewrite <- tracked_plans. apply (pruned_is_verdict (relevant_event t) covered). now apply all_sound.
-Qed.
+Proof. intros t w s trace W. now apply after_correct. Qed.
 
 (** There is exactly one verdict. *)
 Theorem verdict_unique : forall E (Rel : E -> Prop) (S : scenario E -> Prop) s u v v', Verdict Rel S s u v ->
   Verdict Rel S s u v' -> v = v'.
 Proof. intros E Rel S s u v v'; destruct v, v'; simpl; tauto. Qed.
 
-Lemma finished_iff : forall t w s u, well_formed t = true ->
-  (fold_left (next t s) u (first t w) = Finished <-> Detected (RelevantEvent t) (IsScenario t w) s u).
+(** The monitor has detected. *)
+Definition has_ended (x : state) : bool :=
+  match x with Pruned Finished | Watched (Ended _) => true | _ => false end.
+
+Lemma ended_detected : forall t w s past u, well_formed t = true ->
+  (has_ended (fold_left (next t s) u (first_after t w past)) = true <->
+   Detected (RelevantEvent t) (IsScenario t w past) s u).
 Proof.
-  intros t w s u W. assert (V := monitor_correct t w s u W). unfold VerdictOfTree, verdict_after in V.
-  destruct (fold_left (next t s) u (first t w)) as [| l]; simpl in V; [tauto |].
-  split; [discriminate |]. intros D. destruct (forallb _ l); simpl in V; tauto.
+  intros t w s past u W. assert (V := after_correct t w s past u W). unfold verdict_after in V.
+  destruct (fold_left (next t s) u (first_after t w past)) as [[| l] | [h | h l]]; simpl in *; try tauto;
+    (split; [discriminate |]); intros D; match type of V with context [if ?b then _ else _] => destruct b end;
+    simpl in V; tauto.
+Qed.
+
+(** A monitor that has detected knows all events so far. *)
+Lemma ended_past : forall t w s past u h, no_absences t = false -> well_formed t = true ->
+  fold_left (next t s) u (first_after t w past) = Watched (Ended h) -> h = past ++ u.
+Proof.
+  intros t w s past u h N W H. rewrite run_watched in H by auto. injection H as H.
+  destruct (run_watch (relevant_event t) s past (all_watched t w)) with (u := u) as [[Q _] | (l & Q & _)];
+    [apply all_watchable; now apply well_formed_iff | congruence | congruence].
+Qed.
+
+(** With repetition the monitor is the one that starts after the last detection. *)
+Lemma repeated_since : forall t w s trace, well_formed t = true ->
+  let step := next t s in
+  exists past recent, trace = past ++ recent /\ Since (RelevantEvent t) (IsScenario t w) s past recent /\
+    fold_left (next_repeated (first_after t w) step) trace (first t w) = fold_left step recent (first_after t w past).
+Proof.
+  intros t w s trace W. cbv zeta. set (step := next t s).
+  induction trace as [| e trace IH] using rev_ind; [exists [], []; repeat split; constructor |].
+  destruct IH as (past & recent & -> & I & Q). rewrite fold_left_app. simpl. rewrite Q.
+  assert (E := ended_detected t w s past recent W). fold step in E.
+  destruct (has_ended (fold_left step recent (first_after t w past))) eqn:X.
+  - exists (past ++ recent), [e]. split; [auto | split; [apply since_detection; auto; now apply E |]]. simpl.
+    destruct (fold_left step recent (first_after t w past)) as [[| l] | [h | h l]] eqn:F; try discriminate; simpl.
+    + f_equal. destruct (no_absences t) eqn:N; [unfold first_after; now rewrite N |].
+      unfold step in F. rewrite run_watched in F by auto. discriminate.
+    + destruct (no_absences t) eqn:N; [unfold step in F; rewrite run_pruned in F by auto; discriminate |].
+      apply ended_past in F as ->; auto.
+  - exists past, (recent ++ [e]). split; [now rewrite app_assoc | split].
+    + apply since_before; auto. rewrite <- E. discriminate.
+    + rewrite fold_left_app. simpl.
+      destruct (fold_left step recent (first_after t w past)) as [[| l] | [h | h l]]; try discriminate; auto.
 Qed.
 
 Theorem repeated_correct : forall t w s trace, well_formed t = true ->
-  let step := next t s in
   RepeatedVerdictOfTree t w s trace
-    (verdict_after (fold_left (next_repeated (first t w) step) trace (first t w))).
+    (verdict_after (fold_left (next_repeated (first_after t w) (next t s)) trace (first t w))).
 Proof.
-  intros t w s trace W. cbv zeta. set (step := next t s).
-  assert (H : exists recent, Since (RelevantEvent t) (IsScenario t w) s trace recent /\
-    fold_left (next_repeated (first t w) step) trace (first t w) = fold_left step recent (first t w)).
-  { induction trace as [| e trace IH] using rev_ind; [exists []; split; [constructor | auto] |].
-    destruct IH as (recent & I & Q). rewrite fold_left_app. simpl. rewrite Q.
-    destruct (fold_left step recent (first t w)) as [| l] eqn:X; simpl.
-    - exists [e]; split; [apply since_detection with recent; auto; now apply finished_iff | reflexivity].
-    - exists (recent ++ [e]); split.
-      + apply since_before; auto. rewrite <- finished_iff by auto. fold step. congruence.
-      + rewrite fold_left_app. simpl. now rewrite X. }
-  destruct H as (recent & I & ->). exists recent; split; auto. now apply monitor_correct.
+  intros t w s trace W. destruct (repeated_since t w s trace W) as (past & recent & -> & I & ->).
+  exists past, recent. split; [auto | split; [auto |]]. now apply after_correct.
+Qed.
+
+(** At the end of the trace, without and with repetition. *)
+Theorem finished_correct : forall t w s trace, well_formed t = true ->
+  VerdictAtEnd (RelevantEvent t) (IsScenario t w []) s trace
+    (verdict_after (finish (fold_left (next t s) trace (first t w)))).
+Proof. intros t w s trace W. now apply finish_after. Qed.
+
+Theorem repeated_finished_correct : forall t w s trace, well_formed t = true ->
+  RepeatedVerdictAtEnd (RelevantEvent t) (IsScenario t w) s trace
+    (verdict_after (finish (fold_left (next_repeated (first_after t w) (next t s)) trace (first t w)))).
+Proof.
+  intros t w s trace W. destruct (repeated_since t w s trace W) as (past & recent & -> & I & ->).
+  exists past, recent. split; [auto | split; [auto |]]. now apply finish_after.
 Qed.

@@ -5,7 +5,7 @@
     holds for an event that does not move the greatest time forward, such as a doubled one. *)
 
 Require Import List Bool Arith ZArith Lia.
-Require Import RVAFT.Values RVAFT.Language RVAFT.Definition.
+Require Import RVAFT.Values RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Conditions RVAFT.Scenarios.
 Import ListNotations.
 
 (** The positions of a sublist in the longer list. *)
@@ -46,21 +46,23 @@ Section Scenarios.
 Context {E : Type}.
 Variable Relevant : E -> Prop.
 
-Lemma match_in_longer : forall c (u v : list E), Sublist u v ->
+Lemma match_in_longer : forall c (u v : list E), Quiet c -> Sublist u v ->
   Match Relevant Scattered c u -> Match Relevant Scattered c v.
 Proof.
-  intros c u v S (position & m & P & C & _). destruct (sublist_positions E u v S) as (f & U & N).
-  exists (fun o => f (position o)), m. split; [| split; [assumption | exact I]].
+  intros c u v Q S (position & m & P & C & _). destruct (sublist_positions E u v S) as (f & U & N).
+  exists (fun o => f (position o)), m. split; [| split; [assumption | split; [exact I |]]].
+  2:{ apply Q; [apply (once _ _ _ _ P) | apply (of_scenario _ _ _ _ P) | apply (conditions_hold _ _ _ _ P)]. }
   destruct P as [P1 P2 P3 P4 P5 P6 P7]. constructor; auto.
-  intros o p O O' Q. apply P4; auto.
+  intros o p O O' R. apply P4; auto.
   destruct (Nat.lt_trichotomy (position o) (position p)) as [L | [L | L]]; auto; apply U in L; lia.
 Qed.
 
 (** A trace with more events, in the same order, keeps each detection. *)
-Theorem detected_in_longer : forall Scenarios (u v : list E), Sublist u v ->
+Theorem detected_in_longer : forall (Scenarios : scenario E -> Prop) (u v : list E),
+  (forall c, Scenarios c -> Quiet c) -> Sublist u v ->
   Detected Relevant Scenarios Scattered u -> Detected Relevant Scenarios Scattered v.
 Proof.
-  intros Scenarios u v S (prefix & rest & c & -> & I & M). exists v, [], c.
+  intros Scenarios u v Q S (prefix & rest & c & -> & I & M). exists v, [], c.
   rewrite app_nil_r. repeat split; auto. apply (match_in_longer c prefix); auto. now apply (sublist_prefix _ _ rest).
 Qed.
 End Scenarios.
@@ -157,29 +159,32 @@ Proof.
   rewrite H. apply sublist_without.
 Qed.
 
-(** An event that is added anywhere keeps each detection: without [late], or where it does not move the
-    greatest time forward. *)
-Theorem added_hides_nothing : forall t w a e b trace trace',
+(** In a tree without absent events, an event that is added anywhere keeps each detection: without
+    [late], or where it does not move the greatest time forward. *)
+Theorem added_hides_nothing : forall t w a e b trace trace', no_absences t = true ->
   lateness t = None \/ ~ moves_forward a (snd e) ->
   TraceOf t (a ++ b) trace -> TraceOf t (a ++ e :: b) trace' ->
   VerdictOfTree t w Scattered trace Top -> VerdictOfTree t w Scattered trace' Top.
 Proof.
-  intros t w a e b trace trace' M T T'. apply detected_in_longer. eapply trace_with_added; eauto.
+  intros t w a e b trace trace' NA M T T'. apply detected_in_longer; [| eapply trace_with_added; eauto].
+  intros c. now apply scenario_quiet.
 Qed.
 
 (** The loss of such an event forges no detection. *)
-Theorem lost_forges_nothing : forall t w a e b trace trace',
+Theorem lost_forges_nothing : forall t w a e b trace trace', no_absences t = true ->
   lateness t = None \/ ~ moves_forward a (snd e) ->
   TraceOf t (a ++ b) trace -> TraceOf t (a ++ e :: b) trace' ->
   ~ VerdictOfTree t w Scattered trace' Top -> ~ VerdictOfTree t w Scattered trace Top.
-Proof. intros t w a e b trace trace' M T T' N D. exact (N (added_hides_nothing t w a e b trace trace' M T T' D)). Qed.
+Proof.
+  intros t w a e b trace trace' NA M T T' N D. exact (N (added_hides_nothing t w a e b trace trace' NA M T T' D)).
+Qed.
 
 (** A doubled event keeps each detection, also with [late]. *)
-Theorem doubled_hides_nothing : forall t w a e b trace trace',
+Theorem doubled_hides_nothing : forall t w a e b trace trace', no_absences t = true ->
   TraceOf t (a ++ e :: b) trace -> TraceOf t (a ++ e :: e :: b) trace' ->
   VerdictOfTree t w Scattered trace Top -> VerdictOfTree t w Scattered trace' Top.
 Proof.
-  intros t w a e b trace trace' T T'.
+  intros t w a e b trace trace' NA T T'.
   change (a ++ e :: b) with (a ++ [e] ++ b) in T. change (a ++ e :: e :: b) with (a ++ [e] ++ e :: b) in T'.
   rewrite app_assoc in T, T'. apply (added_hides_nothing t w (a ++ [e]) e b); auto. right.
   intros (z & Q & H). assert (X : (z < z)%Z); [| lia]. destruct e as [v s]. simpl in Q. subst s.

@@ -150,7 +150,7 @@ Definition plain_node (t : tree) (n : nat) : bool :=
       forallb (fun x => negb (Conditions.member x (node_variables t m))) (node_variables t n))
     (seq 0 (length (nodes t))).
 
-Definition plain_tree (t : tree) : bool := forallb (plain_node t) (seq 0 (length (nodes t))).
+Definition plain_tree (t : tree) : bool := basic t && forallb (plain_node t) (seq 0 (length (nodes t))).
 
 Definition covered (t : tree) (ps : list predicate) : bool :=
   forallb (fun n => match predicate_of t n with Some q => Nat.ltb (index q ps) (length ps) | None => true end)
@@ -176,12 +176,16 @@ Proof. intros n L. unfold node_at. now rewrite nth_overflow. Qed.
 Lemma outside_conditions : forall n, length (nodes t) <= n -> conditions t n = [].
 Proof. intros n L. unfold conditions. now rewrite nowhere_outside. Qed.
 
+Lemma tree_basic : basic t = true.
+Proof. unfold plain_tree in tree_plain. now apply andb_true_iff in tree_plain. Qed.
+
 Lemma own_guards : forall n g, In g (conditions t n) -> points g = [] /\ incl (variables g) (node_variables t n).
 Proof.
   intros n g I. destruct (le_lt_dec (length (nodes t)) n) as [L | L];
     [rewrite outside_conditions in I by auto; destruct I |].
-  unfold plain_tree in tree_plain. rewrite forallb_forall in tree_plain.
-  assert (P := tree_plain n (proj2 (in_seq _ _ _) (conj (Nat.le_0_l n) L))). unfold plain_node in P.
+  assert (tp := tree_plain). unfold plain_tree in tp. apply andb_true_iff in tp as [_ tp].
+  rewrite forallb_forall in tp.
+  assert (P := tp n (proj2 (in_seq _ _ _) (conj (Nat.le_0_l n) L))). unfold plain_node in P.
   rewrite !andb_true_iff in P. destruct P as [[P _] _]. rewrite forallb_forall in P. apply P in I.
   apply andb_true_iff in I as [I J]. rewrite forallb_forall in J. split; [now apply is_nil_iff |].
   intros x X. now apply Conditions.member_iff, J.
@@ -194,8 +198,9 @@ Proof.
   assert (B : forall n, In x (node_variables t n) -> n < length (nodes t)).
   { intros k K. destruct (le_lt_dec (length (nodes t)) k) as [L | L]; auto. unfold node_variables in K.
     rewrite nowhere_outside in K by auto. destruct K. }
-  unfold plain_tree in tree_plain. rewrite forallb_forall in tree_plain.
-  assert (P := tree_plain n (proj2 (in_seq _ _ _) (conj (Nat.le_0_l n) (B n I)))). unfold plain_node in P.
+  assert (tp := tree_plain). unfold plain_tree in tp. apply andb_true_iff in tp as [_ tp].
+  rewrite forallb_forall in tp.
+  assert (P := tp n (proj2 (in_seq _ _ _) (conj (Nat.le_0_l n) (B n I)))). unfold plain_node in P.
   rewrite !andb_true_iff in P. destruct P as [[_ T] P]. split.
   - rewrite forallb_forall in P. specialize (P m (proj2 (in_seq _ _ _) (conj (Nat.le_0_l m) (B m J)))).
     apply orb_true_iff in P as [P | P]; [now apply Nat.eqb_eq |]. rewrite forallb_forall in P. apply P in I.
@@ -223,7 +228,8 @@ Lemma plain_consistent : forall r m, Resolution t r -> NoDup (domain m) ->
   (Consistent t r m <->
    forall o e, In (o, e) m -> exists q, predicate_of t (fst o) = Some q /\ meets q e = true).
 Proof.
-  intros r m R ND OC CONST. split.
+  intros r m R ND OC CONST. rewrite consistent_basic by exact tree_basic. unfold IsKnown.
+  setoid_rewrite (pattern_at_basic t tree_basic). split.
   - intros (a & time & F & _ & G) o e I. destruct (F o e I) as (L & p & O & FP).
     exists (p, own_conditions t (fst o)). unfold predicate_of. rewrite O. split; auto.
     unfold meets. rewrite L. simpl. apply existsb_exists. apply bindings_iff in FP as (bs & J & RS).
@@ -282,11 +288,12 @@ Qed.
 
 Lemma plan_represented : forall w d, In d (plans t w) -> Represents (satisfies t ps) (shape_of t ps d) (denoted d).
 Proof.
-  intros w d I. destruct (plans_sound t w d well I) as (r & last & R & _ & _ & [_ C] & O & _ & K).
+  intros w d I. assert (SD := plans_sound t w [] d well (basic_absences t tree_basic) I).
+  destruct SD as (r & last & R & _ & _ & [_ C] & O & _ & K & _).
   constructor; simpl.
   - tauto.
   - tauto.
-  - intros m ND IN. simpl in K. rewrite (K m ND), (plain_consistent r m R ND);
+  - intros m ND IN. simpl in K. rewrite (K m ND IN), (plain_consistent r m R ND);
       [| intros o J; now apply O, IN | exact C].
     rewrite forallb_forall. split.
     + intros H [o e] J. simpl. destruct (H o e J) as (q & P & M). rewrite P, (predicate_numbered (fst o) q e P).
@@ -296,18 +303,23 @@ Proof.
       * exists q; split; auto. now rewrite (predicate_numbered (fst o) q e P) in H.
       * exfalso. assert (OC : Occurs t r o) by (apply O, IN, in_domain; eauto). destruct OC as (_ & ON & _).
         unfold predicate_of in P. destruct (on (node_at t (fst o))); [discriminate | auto].
+  - apply denoted_quiet.
 Qed.
 
 (** The shapes of a plain tree represent its scenarios. *)
-Theorem tree_represented : forall w, represented (satisfies t ps) (IsScenario t w) (tree_shapes t w ps).
+Theorem tree_represented : forall w, represented (satisfies t ps) (IsScenario t w []) (tree_shapes t w ps).
 Proof.
   intros w; split.
-  - intros c I. destruct (plans_complete t w c well I) as (d & J & [AO AB AC]). exists (shape_of t ps d).
-    split; [now apply in_map |]. destruct (plan_represented w d J) as [SO SP SC]. constructor.
+  - intros c I. assert (CQ := scenario_quiet t w [] c (basic_absences t tree_basic) I).
+    destruct (plans_complete t w [] c well (basic_absences t tree_basic) I) as (d & J & [AO AB AC _]).
+    exists (shape_of t ps d).
+    split; [now apply in_map |]. destruct (plan_represented w d J) as [SO SP SC _]. constructor.
     + intros o. rewrite (AO o). apply SO.
     + intros p o P O. rewrite <- SP by auto. apply AB; now apply AO, SO.
-    + intros m ND IN. rewrite <- SC by auto. now apply AC.
-  - intros x I. apply in_map_iff in I as (d & <- & I). exists (denoted d). split; [now apply plans_sound |].
+    + intros m ND IN. rewrite <- SC by auto. apply AC; auto. intros o Q. now apply AO, SO, IN.
+    + exact CQ.
+  - intros x I. apply in_map_iff in I as (d & <- & I). exists (denoted d).
+    split; [apply plans_sound; auto using basic_absences, tree_basic |].
     now apply plan_represented with w.
 Qed.
 

@@ -12,7 +12,9 @@ Import ListNotations.
 Record WellFormed (t : tree) : Prop := {
   has_root : 0 < length (nodes t);
   children_below : forall n c, n < length (nodes t) -> In c (children (node_at t n)) -> n < c < length (nodes t);
-  own_variables : forall p g, In (p, Some g) (ignores t) -> incl (variables g) (pattern_variables p) }.
+  own_variables : forall p g, In (p, Some g) (ignores t) -> incl (variables g) (pattern_variables p);
+  absence_bound : forall n c x, In c (without (node_at t n)) -> In x (absence_variables c) ->
+    In x (pattern_variables (absent c)) \/ shared t x = true }.
 
 Lemma combine_seq : forall A (l : list A) d i n x,
   In (n, x) (combine (seq i (length l)) l) <-> i <= n < i + length l /\ x = nth (n - i) l d.
@@ -36,15 +38,31 @@ Proof.
   { split.
     - intros H p g I x X. specialize (H _ I). simpl in H. rewrite forallb_forall in H. now apply member_iff, H.
     - intros H [p [g |]] I; simpl; auto. apply forallb_forall. intros x X. apply member_iff. eapply H; eauto. }
-  split; [intros [[L F] O]; constructor; auto | intros [L F O]; split; [split; auto |]].
+  assert (A : (forall d, In d (nodes t) -> forallb (fun c =>
+      forallb (fun x => existsb (Nat.eqb x) (pattern_variables (absent c)) || shared t x) (absence_variables c))
+      (without d) = true) <->
+    forall n c x, In c (without (node_at t n)) -> In x (absence_variables c) ->
+      In x (pattern_variables (absent c)) \/ shared t x = true).
+  { split.
+    - intros H n c x I J.
+      assert (B := all_nodes t (fun d => forallb (fun c => forallb (fun x =>
+        existsb (Nat.eqb x) (pattern_variables (absent c)) || shared t x) (absence_variables c)) (without d)) eq_refl
+        (proj2 (forallb_forall _ _) H) n).
+      simpl in B. rewrite forallb_forall in B. specialize (B c I). rewrite forallb_forall in B. specialize (B x J).
+      apply orb_true_iff in B as [B | B]; auto. left. now apply member_iff.
+    - intros H d I. apply forallb_forall. intros c J. apply forallb_forall. intros x X. apply orb_true_iff.
+      apply (In_nth _ _ nowhere) in I as (n & _ & <-). destruct (H n c x J X) as [Y | Y]; auto. left.
+      now apply member_iff. }
+  split; [intros [[[L F] O] B]; constructor; auto; [| | now apply A] |
+    intros [L F O B]; split; [split; [split; auto |] | now apply A]].
   2:{ apply V. intros [p g] I. specialize (O (p, g) I). simpl in *. destruct g; auto. }
   3:{ intros [p g] I. assert (X := proj2 V O (p, g) I). simpl in *. destruct g; auto. }
   - intros n c I J. specialize (F (n, node_at t n)).
     rewrite (combine_seq node (nodes t) nowhere), Nat.sub_0_r in F. simpl in F.
     assert (F' : forallb (fun c => (n <? c) && (c <? length (nodes t))) (children (node_at t n)) = true)
       by (apply F; split; [lia | reflexivity]).
-    rewrite forallb_forall in F'. apply F' in J. apply andb_true_iff in J as [A B].
-    apply Nat.ltb_lt in A, B; lia.
+    rewrite forallb_forall in F'. apply F' in J. apply andb_true_iff in J as [Y Z].
+    apply Nat.ltb_lt in Y, Z; lia.
   - intros [n d] I. apply (combine_seq _ _ nowhere) in I as [I ->]. rewrite Nat.sub_0_r in *. simpl.
     apply forallb_forall. intros c J. apply andb_true_iff; split; apply Nat.ltb_lt; apply (F n c); auto; lia.
 Qed.
@@ -178,7 +196,7 @@ Qed.
 
 Theorem resolve_complete : forall t r, WellFormed t -> (In r (resolve (nodes t) 0 [0]) <-> Chooses t r).
 Proof.
-  intros t r [T W _]. rewrite resolve_iff by (intros n c L I; simpl; apply (W n c); auto).
+  intros t r [T W _ _]. rewrite resolve_iff by (intros n c L I; simpl; apply (W n c); auto).
   unfold Local, Chooses. simpl.
   assert (B0 : (forall n kept, In (n, kept) r -> Chosen (nth (n - 0) (nodes t) nowhere) kept) <->
      (forall n kept, In (n, kept) r -> Chosen (node_at t n) kept)).
@@ -320,7 +338,7 @@ Qed.
 Lemma resolution_up : forall t r, WellFormed t -> Resolution t r ->
   forall n kept c, In (n, kept) r -> In c kept -> n < c < length (nodes t).
 Proof.
-  intros t r [_ W _] (A & B & L) n kept c I J. apply W; [apply L, (in_keys _ _ _ I) |].
+  intros t r [_ W _ _] (A & B & L) n kept c I J. apply W; [apply L, (in_keys _ _ _ I) |].
   eapply choice_children; eauto.
 Qed.
 
@@ -739,26 +757,30 @@ Qed.
 
 Definition is_constant (g : guard) : bool := is_nil (variables g) && is_nil (points g).
 
-Definition guards_of (t : tree) (r : resolution) : list guard := flat_map (conditions t) (map fst r).
+Definition guards_of (t : tree) (r : resolution) : list guard := flat_map (guards_at t) (map fst r).
 
-Lemma guards_of_iff : forall t r g, In g (guards_of t r) <-> exists n, In n (map fst r) /\ In g (conditions t n).
+Lemma guards_of_iff : forall t r g, In g (guards_of t r) <-> exists n, In n (map fst r) /\ In g (guards_at t n).
 Proof. intros; unfold guards_of. rewrite in_flat_map. reflexivity. Qed.
 
 Definition constants_hold (guards : list guard) : bool :=
   forallb (holds (fun _ => Null) (fun _ => None)) (filter is_constant guards).
-
-Lemma is_nil_iff : forall A (l : list A), is_nil l = true <-> l = [].
-Proof. intros A [| x l]; simpl; split; congruence. Qed.
 
 Lemma constants_hold_iff : forall t r, constants_hold (guards_of t r) = true <->
   forall n g, In n (map fst r) -> In g (conditions t n) -> variables g = [] -> points g = [] ->
     holds (fun _ => Null) (fun _ => None) g = true.
 Proof.
   intros t r; unfold constants_hold. rewrite forallb_forall. split.
-  - intros H n g I J V P. apply H, filter_In. split; [apply guards_of_iff; eauto |].
-    unfold is_constant. now rewrite V, P.
+  - intros H n g I J V P. replace g with (rename_guard (rename t (n, 0)) g)
+      by (apply rename_guard_same; rewrite V; intros ? []).
+    apply H, filter_In. split.
+    + apply guards_of_iff. exists n; split; auto. apply in_guards_at. left. exists 0, g. repeat split; auto. lia.
+    + unfold is_constant. now rewrite renamed_variables, renamed_points, V, P.
   - intros H g I. apply filter_In in I as [I C]. apply guards_of_iff in I as (n & I & J).
-    apply andb_true_iff in C as [V P]. apply is_nil_iff in V, P. eapply H; eauto.
+    apply andb_true_iff in C as [V P]. apply is_nil_iff in V, P.
+    apply in_guards_at in J as [(i & g' & _ & J & ->) | (i & j & _ & D & ->)].
+    + rewrite renamed_variables in V. rewrite renamed_points in P. apply map_eq_nil in V.
+      rewrite rename_guard_same by (rewrite V; intros ? []). eapply H; eauto.
+    + exfalso. destruct (distinct_values (node_at t n)) as [| x l]; [congruence | discriminate V].
 Qed.
 
 (** ** Selections *)
@@ -891,44 +913,133 @@ Proof.
   apply (consistent_lawful t (guards_of t r) (parts t r) r). now apply parts_iff.
 Qed.
 
-Theorem plans_sound : forall t w c, WellFormed t -> In c (plans t w) -> IsScenario t w (denoted c).
+(** What [plans] says of the scenario that a plan denotes. *)
+Lemma plan_facts : forall t w r chosen, WellFormed t -> In r (resolutions t) -> selected t w r = true ->
+  constants_hold (guards_of t r) = true -> In chosen (lasts t r) ->
+  let before := precedes (node_pairs t r) (end_pairs t r (last_in chosen)) in
+  acyclic before (occurrences_of t r) = true ->
+  Resolution t r /\ Selected t w r /\ Lasts t r (last_in chosen) /\ Feasible t r (last_in chosen) /\
+  (forall p o, Occurs t r p -> Occurs t r o -> (before p o = true <-> Precedes t r (last_in chosen) p o)) /\
+  (forall m, NoDup (domain m) -> incl (domain m) (occurrences_of t r) ->
+     (consistent t (guards_of t r) (parts t r) m = true <-> Consistent t r m)).
 Proof.
-  intros t w c W I. apply in_plans in I as (r & chosen & I & K & C & J & A & ->). apply resolutions_iff in I; auto.
-  exists r, (last_in chosen). split; [auto |]. split; [now apply selected_iff |]. split; [now apply last_in_slots |].
-  split; [split | split; [| split]]; simpl.
+  intros t w r chosen W I K C J before A. apply resolutions_iff in I; auto.
+  split; [auto |]. split; [now apply selected_iff |]. split; [now apply last_in_slots |].
+  split; [split | split].
   - apply acyclic_iff in A as [rank A]. exists rank. intros p o P O H.
     apply A; [now apply occurrences_iff | now apply occurrences_iff |]. now apply precedes_iff.
   - now apply constants_hold_iff.
-  - intros o; apply occurrences_iff.
   - intros p o P O. now apply precedes_iff.
-  - intros m N. apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff].
+  - intros m N IN. apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff |].
+    intros o P. apply IN, occurrences_iff in P. apply P.
+Qed.
+
+(** The plan of a scenario. *)
+Lemma scenario_plan : forall t w past c, WellFormed t -> IsScenario t w past c ->
+  exists r chosen, In r (resolutions t) /\ selected t w r = true /\ constants_hold (guards_of t r) = true /\
+    In chosen (lasts t r) /\
+    let before := precedes (node_pairs t r) (end_pairs t r (last_in chosen)) in
+    acyclic before (occurrences_of t r) = true /\
+    (forall o, In o (occurrences c) <-> In o (occurrences_of t r)) /\
+    (forall p o, In p (occurrences c) -> In o (occurrences c) ->
+      (RVAFT.Definition.before c p o <-> before p o = true)) /\
+    (forall m, NoDup (domain m) -> incl (domain m) (occurrences c) ->
+       (RVAFT.Definition.consistent c m <-> consistent t (guards_of t r) (parts t r) m = true)) /\
+    (forall trace position m, NoDup (domain m) -> incl (domain m) (occurrences c) ->
+      RVAFT.Definition.consistent c m ->
+       let at_position := fun o => length past + position o in
+       (unbroken c trace position m <-> Unbroken t r (past ++ trace) at_position m) /\
+       (decided c trace position m <-> Decided t r (past ++ trace) at_position m)).
+Proof.
+  intros t w past c W (r & last & R & S & L & [[rank F] C] & O & B & M & U).
+  destruct (lasts_cover t r W R last L) as (chosen & J & Q). exists r, chosen.
+  assert (PRE : forall p o, Precedes t r (last_in chosen) p o <-> Precedes t r last p o).
+  { intros p o; split; apply precedes_lasts; auto. intros; symmetry; eauto. }
+  split; [now apply resolutions_iff |]. split; [now apply selected_iff |]. split; [now apply constants_hold_iff |].
+  split; [auto |]. split; [| split; [| split; [| split]]]; auto.
+  - apply acyclic_iff. exists rank. intros p o P P' H. apply occurrences_iff in P, P'.
+    apply F; auto. apply PRE. now apply precedes_iff in H.
+  - intros o. now rewrite O, occurrences_iff.
+  - intros p o P P'. apply O in P, P'. rewrite B, <- PRE by auto. symmetry; now apply precedes_iff.
+  - intros m N IN. rewrite M by auto. symmetry.
+    apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff |].
+    intros o P. apply IN, O in P. apply P.
+Qed.
+
+(** Without absent events nothing breaks a match, and no match waits. *)
+Lemma nothing_breaks : forall t r trace position m, no_absences t = true -> Consistent t r m ->
+  Unbroken t r trace position m /\ Decided t r trace position m.
+Proof.
+  intros t r trace position m N (a & own & H). assert (W := nothing_absent t N). split.
+  - exists a, own. split; auto. intros n c _ I. rewrite W in I. destruct I.
+  - intros n c d _ I. rewrite W in I. destruct I.
+Qed.
+
+(** The other positions of a trace do not matter. *)
+Definition Quiet {E} (c : scenario E) : Prop := forall trace position m, NoDup (domain m) ->
+  incl (domain m) (occurrences c) -> RVAFT.Definition.consistent c m ->
+  unbroken c trace position m /\ decided c trace position m.
+
+Lemma scenario_quiet : forall t w past c, no_absences t = true -> IsScenario t w past c -> Quiet c.
+Proof.
+  intros t w past c N (r & last & _ & _ & _ & _ & _ & _ & M & U) trace position m ND IN H.
+  destruct (U trace position m ND IN H) as [-> ->]. apply M in H; auto. now apply nothing_breaks.
+Qed.
+
+Lemma denoted_quiet : forall E (c : plan E), Quiet (denoted c).
+Proof. intros E c trace position m _ _ _. split; exact I. Qed.
+
+Lemma quiet_match : forall E (Rel : E -> Prop) s (c : scenario E) u, Quiet c ->
+  (Match Rel s c u <-> exists position m, Partial c u position m /\ complete c m /\
+     match_positions Rel s u (Used position m)).
+Proof.
+  intros E Rel s c u Q. split; [intros (pos & m & P & C & M & _); exists pos, m; auto |].
+  intros (pos & m & P & C & M). exists pos, m. split; [auto | split; [auto | split; [auto |]]].
+  apply Q; apply P.
+Qed.
+
+Lemma quiet_left : forall E (Rel : E -> Prop) s (c : scenario E) u, Quiet c ->
+  (PartialMatch Rel s c u <-> exists position m, Partial c u position m /\ ~ complete c m /\
+     partial_positions Rel s u (Used position m)).
+Proof.
+  intros E Rel s c u Q. split.
+  - intros (pos & m & P & _ & [[C M] | (_ & _ & D)]); [exists pos, m; auto |]. exfalso. apply D, Q; apply P.
+  - intros (pos & m & P & C & M). exists pos, m. split; [auto | split; [apply Q; apply P | auto]].
+Qed.
+
+Theorem plans_sound : forall t w past c, WellFormed t -> no_absences t = true -> In c (plans t w) ->
+  IsScenario t w past (denoted c).
+Proof.
+  intros t w past c W N I. apply in_plans in I as (r & chosen & I & K & C & J & A & ->).
+  destruct (plan_facts t w r chosen W I K C J A) as (R & S & L & F & P & CO).
+  exists r, (last_in chosen). repeat (split; [assumption |]). simpl.
+  split; [intros o; apply occurrences_iff | split; [auto | split; [auto |]]].
+  intros trace position m ND IN H. apply CO in H; auto.
+  destruct (nothing_breaks t r (past ++ trace) (fun o => length past + position o) m N H); tauto.
 Qed.
 
 (** Two descriptions of one scenario. *)
 Record Alike {E} (c d : scenario E) : Prop := {
   alike_occurrences : forall o, In o (occurrences c) <-> In o (occurrences d);
   alike_before : forall p o, In p (occurrences c) -> In o (occurrences c) -> (before c p o <-> before d p o);
-  alike_consistent : forall m, NoDup (domain m) ->
-    (RVAFT.Definition.consistent c m <-> RVAFT.Definition.consistent d m) }.
+  alike_consistent : forall m, NoDup (domain m) -> incl (domain m) (occurrences c) ->
+    (RVAFT.Definition.consistent c m <-> RVAFT.Definition.consistent d m);
+  alike_unbroken : forall trace position m, NoDup (domain m) -> incl (domain m) (occurrences c) ->
+    RVAFT.Definition.consistent c m ->
+    (unbroken c trace position m <-> unbroken d trace position m) /\
+    (decided c trace position m <-> decided d trace position m) }.
 
-Theorem plans_complete : forall t w c, WellFormed t -> IsScenario t w c ->
+Theorem plans_complete : forall t w past c, WellFormed t -> no_absences t = true -> IsScenario t w past c ->
   exists d, In d (plans t w) /\ Alike c (denoted d).
 Proof.
-  intros t w c W (r & last & R & S & L & [[rank F] C] & O & B & M).
-  destruct (lasts_cover t r W R last L) as (chosen & J & Q).
+  intros t w past c W N H.
+    destruct (scenario_plan t w past c W H) as (r & chosen & I & S & C & L & A & O & B & M & U).
   exists (Plan (occurrences_of t r) (precedes (node_pairs t r) (end_pairs t r (last_in chosen)))
             (consistent t (guards_of t r) (parts t r))).
-  assert (PRE : forall p o, Precedes t r (last_in chosen) p o <-> Precedes t r last p o).
-  { intros p o; split; apply precedes_lasts; auto. intros; symmetry; eauto. }
-  split.
-  - apply in_plans. exists r, chosen.
-    split; [now apply resolutions_iff |]. split; [now apply selected_iff |].
-    split; [now apply constants_hold_iff |]. split; [auto |]. split; [| reflexivity].
-    + apply acyclic_iff. exists rank. intros p o P P' H. apply occurrences_iff in P, P'.
-      apply F; auto. apply PRE. now apply precedes_iff in H.
-  - constructor; simpl.
-    + intros o. now rewrite O, occurrences_iff.
-    + intros p o P P'. apply O in P, P'. rewrite B, <- PRE by auto. symmetry; now apply precedes_iff.
-    + intros m N. rewrite M by auto. symmetry.
-      apply consistent_iff; auto; [now apply parts_iff | intros; apply guards_of_iff].
+  split; [apply in_plans; exists r, chosen; auto 7 |]. constructor; simpl; auto.
+  intros trace position m ND IN K. destruct (U trace position m ND IN K) as [-> ->].
+  assert (CO : Consistent t r m).
+  { destruct (plan_facts t w r chosen W I S C L A) as (_ & _ & _ & _ & _ & CO). apply CO; auto; [| now apply M].
+    intros o P. now apply O, IN. }
+  destruct (nothing_breaks t r (past ++ trace) (fun o => length past + position o) m N CO); tauto.
 Qed.

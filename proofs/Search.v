@@ -38,6 +38,18 @@ Lemma occurrence_dec : forall o p : occurrence, {o = p} + {o <> p}.
 Proof. intros o p; destruct (same o p) eqn:Q; [left; now apply same_iff | right; intros H; apply same_iff in H;
   congruence]. Qed.
 
+(** ** Positions *)
+
+(** Which positions a match or a partial match may use depends on the relevant ones only. *)
+Lemma positions_same : forall A B (R : A -> Prop) (R' : B -> Prop) s u u' used used', length u = length u' ->
+  (forall i, RelevantAt R u i <-> RelevantAt R' u' i) -> (forall i, used i <-> used' i) ->
+  (match_positions R s u used <-> match_positions R' s u' used') /\
+  (partial_positions R s u used <-> partial_positions R' s u' used').
+Proof.
+  intros A B R R' s u u' used used' L RE U.
+  destruct s; simpl; rewrite ?L; split; repeat setoid_rewrite U; repeat setoid_rewrite RE; tauto.
+Qed.
+
 (** ** The search *)
 
 Section Search.
@@ -51,7 +63,9 @@ Record plan := Plan {
   plan_consistent : assigned E -> bool }.
 
 Definition denoted (c : plan) : scenario E :=
-  Scenario E (plan_occurrences c) (fun p o => plan_before c p o = true) (fun m => plan_consistent c m = true).
+  Scenario E (plan_occurrences c) (fun p o => plan_before c p o = true)
+    (fun m => plan_consistent c m = true)
+    (fun _ _ _ => True) (fun _ _ _ => True).
 
 Record lawful (c : plan) : Prop := {
   in_any_order : forall m m', NoDup (domain m) -> Permutation m m' -> plan_consistent c m = true ->
@@ -93,6 +107,8 @@ Definition advance (s : semantics) (m : monitor) (e : E) : monitor :=
   | Running l => settle (map (fun x => (fst x, step s (fst x) e (snd x))) l)
   end.
 Definition is_nil {A} (l : list A) : bool := match l with [] => true | _ => false end.
+Lemma is_nil_iff : forall A (l : list A), is_nil l = true <-> l = [].
+Proof. intros A [| x l]; simpl; split; congruence. Qed.
 Definition verdict_of (m : monitor) : verdict :=
   match m with
   | Done => Top
@@ -445,39 +461,53 @@ Proof.
   - intros (Q & e & H & R). exists e; split; auto. now rewrite nth_firstn.
 Qed.
 
+(** A partial match that may be one with these positions ends with a prefix of the trace. *)
+Lemma match_prefix : forall s c u pos m, Partial c u pos m -> match_positions Rel s u (Used pos m) ->
+  exists w v, u = w ++ v /\ Partial c w pos m /\ partial_positions s w (Used pos m).
+Proof.
+  intros s c u pos m H A.
+  assert (CUT : forall k, (forall i, Used pos m i -> i < k) -> Partial c (firstn k u) pos m).
+  { intros k B. destruct H as [h1 h2 h3 h4 h5 h6 h7]; constructor; auto. intros o e I. rewrite nth_firstn; auto.
+    apply B. exists o; split; auto. apply in_domain; eauto. }
+  destruct s; simpl in A.
+  - destruct A as [k A]. exists (firstn k u), (skipn k u). rewrite firstn_skipn; split; auto. split.
+    + apply CUT; intros i F; now apply A.
+    + intros i; split.
+      * intros F. assert (i < length u) by (eapply used_bound; eauto). rewrite firstn_length. apply A in F; lia.
+      * intros F. rewrite firstn_length in F. apply A; lia.
+  - destruct A as [k A]. exists (firstn k u), (skipn k u). rewrite firstn_skipn; split; auto. split.
+    + apply CUT; intros i F; now apply A.
+    + intros i; split.
+      * intros F. apply relevant_firstn; now apply A.
+      * intros F. apply A. now apply relevant_firstn in F.
+  - destruct A as (j & k & A). exists (firstn k u), (skipn k u). rewrite firstn_skipn; split; auto. split.
+    + apply CUT; intros i F; now apply A.
+    + exists j; intros i. rewrite relevant_firstn, A. tauto.
+  - exists u, []. rewrite app_nil_r; simpl; auto.
+Qed.
+
+Lemma prefix_match : forall s c w v pos m, Partial c w pos m -> partial_positions s w (Used pos m) ->
+  Partial c (w ++ v) pos m /\ match_positions Rel s (w ++ v) (Used pos m).
+Proof.
+  intros s c w v pos m H A. split; [now apply partial_app |].
+  assert (RW : forall i, RelevantAt w i <-> i < length w /\ RelevantAt (w ++ v) i).
+  { intros i; split.
+    - intros F; split; [now apply relevant_bound in F |]. destruct F as (e & F & R); exists e; split; auto.
+      now apply nth_app_some.
+    - intros (Q & e & F & R). rewrite nth_error_app1 in F by auto. exists e; auto. }
+  destruct s; simpl in *; auto.
+  - eauto.
+  - exists (length w); intros i. now rewrite A, RW.
+  - destruct A as [j A]. exists j, (length w); intros i. rewrite A, RW. tauto.
+Qed.
+
 Lemma match_iff : forall s c u, Match s c u <-> exists w v, u = w ++ v /\ Whole s c w.
 Proof.
   intros s c u; split.
-  - intros (pos & m & H & C & A).
-    assert (CUT : forall k, (forall i, Used pos m i -> i < k) -> Partial c (firstn k u) pos m).
-    { intros k B. destruct H as [h1 h2 h3 h4 h5 h6 h7]; constructor; auto. intros o e I. rewrite nth_firstn; auto.
-      apply B. exists o; split; auto. apply in_domain; eauto. }
-    destruct s; simpl in A.
-    + destruct A as [k A]. exists (firstn k u), (skipn k u). rewrite firstn_skipn; split; auto.
-      exists pos, m; split; [| split; auto; simpl; split].
-      * apply CUT; intros i F; now apply A.
-      * intros F. assert (i < length u) by (eapply used_bound; eauto). rewrite firstn_length. apply A in F; lia.
-      * intros F. rewrite firstn_length in F. apply A; lia.
-    + destruct A as [k A]. exists (firstn k u), (skipn k u). rewrite firstn_skipn; split; auto.
-      exists pos, m; split; [| split; auto; simpl; split].
-      * apply CUT; intros i F; now apply A.
-      * intros F. apply relevant_firstn; now apply A.
-      * intros F. apply A. now apply relevant_firstn in F.
-    + destruct A as (j & k & A). exists (firstn k u), (skipn k u). rewrite firstn_skipn; split; auto.
-      exists pos, m; split; [| split; auto].
-      * apply CUT; intros i F; now apply A.
-      * exists j; intros i. rewrite relevant_firstn, A. tauto.
-    + exists u, []. rewrite app_nil_r; split; auto. exists pos, m; simpl; auto.
-  - intros (w & v & -> & pos & m & H & C & A). exists pos, m; split; [now apply partial_app |]. split; auto.
-    assert (RW : forall i, RelevantAt w i <-> i < length w /\ RelevantAt (w ++ v) i).
-    { intros i; split.
-      - intros F; split; [now apply relevant_bound in F |]. destruct F as (e & F & R); exists e; split; auto.
-        now apply nth_app_some.
-      - intros (Q & e & F & R). rewrite nth_error_app1 in F by auto. exists e; auto. }
-    destruct s; simpl in *; auto.
-    + eauto.
-    + exists (length w); intros i. now rewrite A, RW.
-    + destruct A as [j A]. exists j, (length w); intros i. rewrite A, RW. tauto.
+  - intros (pos & m & H & C & A & _). destruct (match_prefix s c u pos m H A) as (w & v & -> & P & B).
+    exists w, v. split; auto. exists pos, m; auto.
+  - intros (w & v & -> & pos & m & H & C & A). destruct (prefix_match s c w v pos m H A) as [P M].
+    exists pos, m; simpl; auto.
 Qed.
 
 Lemma whole_states : forall s c, lawful c -> forall w,
@@ -506,12 +536,14 @@ Lemma left_states : forall s plans u, Forall lawful plans -> (Left s plans u <->
   exists c, In c plans /\ exists m, In m (states s c u) /\ full c m = false).
 Proof.
   intros s plans u L; rewrite Forall_forall in L. split.
-  - intros (sc & (c & I & ->) & pos & m & H & C & A). exists c; split; auto.
+  - intros (sc & (c & I & ->) & pos & m & H & _ & [[C A] | (_ & _ & N)]); [| exfalso; simpl in N; auto].
+    exists c; split; auto.
     destruct (states_complete s c (L c I) u pos m H A) as (m' & J & Q). exists m'; split; auto.
     apply not_true_is_false. rewrite full_iff. intros D; apply C. intros o K. apply D in K.
     apply Permutation_sym, (Permutation_map fst) in Q. now apply (Permutation_in _ Q).
   - intros (c & I & m & J & F). exists (denoted c); split; [exists c; auto |].
-    apply states_sound in J as (pos & H & A); auto. exists pos, m. split; auto. split; auto.
+    apply states_sound in J as (pos & H & A); auto. exists pos, m. split; auto. split; [simpl; auto |]. left.
+    split; auto.
     rewrite <- full_iff, F; discriminate.
 Qed.
 

@@ -93,7 +93,7 @@ Definition shape_atoms (w : selection) : list (list atom) :=
 
 Definition all_timed (w : selection) : bool :=
   let timed := timed_in w in
-  forallb (fun b => b) (selected_scenarios (fun guards part _ _ => guards_timed t timed part guards) t w).
+  basic t && forallb (fun b => b) (selected_scenarios (fun guards part _ _ => guards_timed t timed part guards) t w).
 
 (** The atom of a text binds the variables of an atom of the tree when both have the same pattern, and the
     former has no more guards.  An atom without variables needs none. *)
@@ -160,7 +160,8 @@ Lemma of_scenario_atoms : forall r chosen o, In r (resolutions t) -> selected t 
      (atom_variables q = [] \/ exists q', In q' atoms /\ binds_for q q' = true)).
 Proof.
   intros r chosen o R S C L A. split.
-  - unfold all_timed in timed. rewrite forallb_forall in timed. apply timed. apply in_scenarios.
+  - assert (T := timed). unfold all_timed in T. apply andb_true_iff in T as [_ T]. rewrite forallb_forall in T.
+    apply T, in_scenarios.
     exists r, chosen. repeat split; auto.
   - intros O. destruct (occurrence_atom w r chosen o R S C L A O) as (q & l & Q & IL & IQ). exists q; split; auto.
     unfold all_placed in atoms_placed. unfold text_binds in bound_by_text.
@@ -208,6 +209,9 @@ Definition Paired (c : plan event) (x : shape) : Prop :=
        Partial (denoted (plain slice_satisfies x)) p position m') /\
   plan_occurrences c = shape_occurrences x.
 
+Lemma timed_basic : basic t = true.
+Proof. unfold all_timed in timed. now apply andb_true_iff in timed. Qed.
+
 Lemma paired_shapes : (forall x, In x (slice_shapes w) -> exists c, In c (plans t w) /\ Paired c x) /\
   (forall c, In c (plans t w) -> exists x, In x (slice_shapes w) /\ Paired c x).
 Proof.
@@ -230,8 +234,8 @@ Proof.
       now apply atom_satisfied. }
     split; [| split; [| reflexivity]].
     - intros p position m G H. exists (forget m). split; [apply forget_domain |].
-      eapply (from_slice t r (timed_in w) before C T slice_satisfies _ REQ); eauto.
-    - intros u position m H. eapply (to_slice t r (timed_in w) before RE T slice_satisfies _ REQ); eauto.
+      eapply (from_slice t r (timed_in w) before C timed_basic T slice_satisfies _ REQ); eauto.
+    - intros u position m H. eapply (to_slice t r (timed_in w) before RE timed_basic T slice_satisfies _ REQ); eauto.
       intros o q O Q. destruct (proj2 (ON o) O) as (q0 & Q0 & _ & B). rewrite Q in Q0. injection Q0 as <-.
       destruct B as [N | (q' & I & B)]; [auto | right]. exists q'. split; auto. now apply binds_for_iff. }
   split.
@@ -255,19 +259,21 @@ Theorem sliced_detected : forall s u, Detected Rel (Scenarios (plans t w)) s u <
   exists p, Slice atoms u p /\ SliceDetected s p.
 Proof.
   intros s u. split.
-  - intros (v & v' & c & -> & (d & I & ->) & position & m & P & C & M).
+  - intros (v & v' & c & -> & (d & I & ->) & H). apply (quiet_match _ _ _ _ _ (denoted_quiet _ _)) in H
+      as (position & m & P & C & M).
     destruct (proj2 paired_shapes d I) as (x & J & _ & T & O). destruct (T v position m P) as (p & m' & S & D & P').
     destruct (slice_keeps atoms v p v' S) as (p' & S'). exists (p ++ p'). split; auto.
     exists p, p', (denoted (plain slice_satisfies x)). split; auto. split; [exists (plain slice_satisfies x);
       split; auto;
-      now apply in_map |]. exists position, m'. split; auto. split.
+      now apply in_map |]. apply quiet_match; [apply denoted_quiet |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ d); eauto.
     + apply (positions_slice s p position m m' D). now rewrite <- (slice_events atoms v p S).
-  - intros (p & S & (v & v' & c & -> & (d & I & ->) & position & m & P & C & M)).
+  - intros (p & S & (v & v' & c & -> & (d & I & ->) & H)).
+    apply (quiet_match _ _ _ _ _ (denoted_quiet _ _)) in H as (position & m & P & C & M).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     assert (G := growing_prefix _ _ (slice_growing _ _ _ S)). destruct (F v position m G P) as (m' & D & P').
     apply slice_events in S as ->. rewrite map_app. exists (map fst v), (map fst v'), (denoted c). split; auto.
-    split; [exists c; auto |]. exists position, m'. split; auto. split.
+    split; [exists c; auto |]. apply quiet_match; [apply denoted_quiet |]. exists position, m'. split; auto. split.
     + eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
     + now apply (positions_slice s v position m' m (eq_sym D)).
 Qed.
@@ -276,30 +282,36 @@ Qed.
 Theorem sliced_left : forall s u, Left Rel (Scenarios (plans t w)) s u <-> exists p, Slice atoms u p /\ SliceLeft s p.
 Proof.
   intros s u. split.
-  - intros (c & (d & I & ->) & position & m & P & C & M).
+  - intros (c & (d & I & ->) & H).
+      apply (quiet_left _ _ _ _ _ (denoted_quiet _ _)) in H as (position & m & P & C & M).
     destruct (proj2 paired_shapes d I) as (x & J & _ & T & O). destruct (T u position m P) as (p & m' & S & D & P').
     exists p. split; auto. exists (denoted (plain slice_satisfies x)).
-    split; [exists (plain slice_satisfies x); split; auto; now apply in_map |]. exists position, m'. split; auto.
-      split.
+    split; [exists (plain slice_satisfies x); split; auto; now apply in_map |].
+    apply quiet_left; [apply denoted_quiet |]. exists position, m'. split; auto. split.
     + intros C'. apply C. eapply (complete_domain _ _ (plain slice_satisfies x)); eauto.
     + apply (positions_slice s p position m m' D). now rewrite <- (slice_events atoms u p S).
-  - intros (p & S & (c & (d & I & ->) & position & m & P & C & M)).
+  - intros (p & S & (c & (d & I & ->) & H)).
+    apply (quiet_left _ _ _ _ _ (denoted_quiet _ _)) in H as (position & m & P & C & M).
     apply in_map_iff in I as (x & <- & I). destruct (proj1 paired_shapes x I) as (c & J & F & _ & O).
     destruct (F p position m (slice_growing _ _ _ S) P) as (m' & D & P').
-    rewrite (slice_events _ _ _ S). exists (denoted c). split; [exists c; auto |]. exists position, m'.
-    split; auto. split.
+    rewrite (slice_events _ _ _ S). exists (denoted c). split; [exists c; auto |].
+    apply quiet_left; [apply denoted_quiet |]. exists position, m'. split; auto. split.
     + intros C'. apply C. eapply (complete_domain _ _ c); eauto.
     + now apply (positions_slice s p position m' m (eq_sym D)).
 Qed.
 
-Lemma tree_plans_verdict : forall s u v, VerdictOfTree t w s u v <-> Verdict Rel (Scenarios (plans t w)) s u v.
+Lemma tree_plans_verdict : basic t = true ->
+  forall s u v, VerdictOfTree t w s u v <-> Verdict Rel (Scenarios (plans t w)) s u v.
 Proof.
-  intros s u v. unfold VerdictOfTree.
-  assert (A : forall c, IsScenario t w c -> exists d, Scenarios (plans t w) d /\ Alike c d).
-  { intros c I. destruct (plans_complete t w c well I) as (d & J & A). exists (denoted d); split; auto.
+  intros simple s u v. unfold VerdictOfTree.
+  assert (A : forall c, IsScenario t w [] c -> exists d, Scenarios (plans t w) d /\ Alike c d).
+  { intros c I. destruct (plans_complete t w [] c well (basic_absences t simple) I) as (d & J & A).
+    exists (denoted d); split; auto.
     exists d; auto. }
-  assert (B : forall c, Scenarios (plans t w) c -> exists d, IsScenario t w d /\ Alike c d).
-  { intros c (d & I & ->). exists (denoted d). split; [now apply plans_sound |]. constructor; intros; reflexivity. }
+  assert (B : forall c, Scenarios (plans t w) c -> exists d, IsScenario t w [] d /\ Alike c d).
+  { intros c (d & I & ->). exists (denoted d). split.
+    - apply plans_sound; auto using basic_absences.
+    - constructor; intros; reflexivity || (split; reflexivity). }
   split; apply verdict_same; auto; intros e.
   - symmetry. now apply relevant_event_iff.
   - now apply relevant_event_iff.
@@ -321,7 +333,7 @@ Proof.
   { rewrite D, L. split.
     - intros H. split; intros (p & S & K); specialize (H p S); apply (X p Bottom) in H; simpl in H; tauto.
     - intros [N M] p S. apply (X p Bottom). split; intros K; [apply N | apply M]; eauto. }
-  intros v. rewrite tree_plans_verdict. destruct v; [exact T | exact B |].
+  intros v. rewrite (tree_plans_verdict timed_basic). destruct v; [exact T | exact B |].
   unfold SliceVerdict. cbv zeta. rewrite T, B.
   pose proof (verdict_correct (relevant_event t) s (plans t w) u (plans_lawful t w well)) as V'.
   simpl. destruct (verdict_of _); simpl in V'; tauto.

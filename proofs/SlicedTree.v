@@ -73,6 +73,7 @@ Variable timed : occurrence -> bool.
 Variable before : occurrence -> occurrence -> bool.
 Hypothesis resolution : Resolution t r.
 Hypothesis constants : constants_hold (guards_of t r) = true.
+Hypothesis simple : basic t = true.
 
 Notation guards := (guards_of t r).
 Notation part := (parts t r).
@@ -117,7 +118,7 @@ Qed.
 
 Lemma guard_no_clock : forall g x c, In g guards -> In x (variables g) -> x <> clock t c.
 Proof.
-  intros g x c I X. apply guards_of_iff in I as (n & N & I). apply clock_new.
+  intros g x c I X. apply guards_of_iff in I as (n & N & I). rewrite guards_at_basic in I by auto. apply clock_new.
   apply (in_tree_variables t n); [now apply node_bound |]. right. eauto.
 Qed.
 
@@ -214,7 +215,7 @@ Proof.
     { intros o e b x I B. apply AT in I. apply (latest_grows p _ _ G) in I. now apply grows_binds. }
     split.
     + intros o e I. apply in_forget in I as (b & I). destruct (SAT _ _ _ I) as [O S].
-      apply sat_iff in S as (q & Q & L & V & F & _); auto. split; auto. exists q; split; auto.
+      apply sat_iff in S as (q & Q & L & V & F & _); auto. split; auto. exists q; split; [now rewrite pattern_at_basic |].
       apply fits_pattern_same with (values_of b); auto. intros x X. symmetry. eapply LAST; eauto.
     + intros g I K. destruct (is_constant g) eqn:C.
       { unfold constants_hold in constants. rewrite forallb_forall in constants.
@@ -235,7 +236,7 @@ Proof.
       { intros x X. apply clocked_variables in X as [X | (pt & o & J & A & ->)].
         - unfold known in K. apply andb_true_iff in K as [K _]. rewrite forallb_forall in K. apply K in X.
           apply Conditions.member_iff in X. unfold bound_variables in X. apply in_flat_map in X as (o & O & X).
-          rewrite forget_domain in O. destruct (on (node_at t (fst o))) as [q |] eqn:Q; [| destruct X].
+          rewrite forget_domain in O. rewrite pattern_at_basic in X by auto. destruct (on (node_at t (fst o))) as [q |] eqn:Q; [| destruct X].
             exists o, q; auto.
         - unfold known in K. apply andb_true_iff in K as [_ K]. rewrite forallb_forall in K.
           assert (D := K pt J). rewrite forallb_forall in D. assert (A' := A). apply D, among_iff in A'.
@@ -367,7 +368,7 @@ Proof.
         by (apply clocked_variables; auto).
       apply B, served_binds in Y as (o & O & _ & W). destruct (served_pattern o O) as (p & P).
       apply (owns_iff o x p P) in W. destruct W as [W | [_ W]]; [| exfalso; eapply guard_no_clock; eauto].
-      unfold bound_variables. apply in_flat_map. exists o; split; auto. now rewrite P.
+      unfold bound_variables. apply in_flat_map. exists o; split; auto. now rewrite pattern_at_basic, P.
     - intros pt J. apply forallb_forall. intros o A. apply among_iff.
       assert (Y : In (clock t o) (variables (clocked (clock t) part g))) by (apply clocked_variables; eauto 6).
       apply B, served_binds in Y as (o' & O & _ & W). destruct (served_pattern o' O) as (p & P).
@@ -386,7 +387,7 @@ Qed.
 Lemma served_sat : forall o e, In (o, e) m -> sat (required o) (e, served_before (S (position o))) = true.
 Proof.
   intros o e I. assert (D : In o (domain m)) by (apply in_domain; eauto). assert (O := served_os o D).
-  destruct (proj1 under_a o e I) as (L & p & P & F). apply sat_iff; auto. exists p.
+  destruct (proj1 under_a o e I) as (L & p & P & F). rewrite pattern_at_basic in P by auto. apply sat_iff; auto. exists p.
   assert (BD : forall x, owns o x = true -> binds (served_before (S (position o))) x = true).
   { intros x X. apply served_binds. exists o. repeat split; auto. }
   split; [auto | split; [auto |]]. split; [| split; [| split]].

@@ -278,7 +278,8 @@ Proof.
   destruct (own_guards t tree_plain _ _ K) as [PG VG]. unfold node_variables in VG. rewrite P in VG.
   assert (IG : In g (scenario_guards t (parts t r) (guards_of t r))).
   { apply in_map_iff. exists g. split; [now apply Clocks.clocked_untimed |]. apply filter_In. split; auto.
-    apply guards_of_iff. exists (fst o). split; auto. apply occurrences_iff in O. apply O. }
+    apply guards_of_iff. exists (fst o). rewrite guards_at_basic by exact (tree_basic t tree_plain).
+    split; auto. apply occurrences_iff in O. apply O. }
   assert (NV : exists x, In x (variables g)).
   { unfold is_constant in N. rewrite PG in N. destruct (variables g) as [| x l]; [discriminate | exists x; simpl;
     auto]. }
@@ -325,7 +326,7 @@ Proof.
   rewrite TV. apply plain_text_verdict.
   - apply (tree_acyclic t w (satisfies t own) (tree_shapes t w own) RE).
   - now apply own_servable with ps qs.
-  - intros u'. rewrite <- (TV u' Top), (tree_plans_verdict t w W s u' Top).
+  - intros u'. rewrite <- (TV u' Top), (tree_plans_verdict t w W (tree_basic t tree_plain) s u' Top).
     change (Verdict (fun e => relevant_event t e = true) (Scenarios (plans t w)) s u' Top)
       with (Detected (fun e => relevant_event t e = true) (Scenarios (plans t w)) s u').
     rewrite (sliced_detected t ps qs w atoms W P T B). split; intros (p & S & K); exists p; split; auto; now apply A.

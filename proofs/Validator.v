@@ -7,7 +7,7 @@
 Require Import List Bool Arith Lia.
 Require Import RVAFT.Language RVAFT.Definition RVAFT.Search RVAFT.Plain RVAFT.Automaton RVAFT.Acceptance.
 Require Import RVAFT.Exploration RVAFT.Hoa RVAFT.Ltlf RVAFT.Progression RVAFT.Rml RVAFT.RmlCertificate.
-Require RVAFT.Monitor.
+Require RVAFT.Scenarios RVAFT.Monitor.
 Import ListNotations.
 
 (** ** Plain scenarios that represent those of the definition *)
@@ -24,12 +24,13 @@ Record Represents (x : shape) (c : scenario E) : Prop := {
   same_precedence : forall p o, In p (shape_occurrences x) -> In o (shape_occurrences x) ->
     (before c p o <-> shape_before x p o = true);
   same_consistency : forall m, NoDup (domain m) -> incl (domain m) (shape_occurrences x) ->
-    (consistent c m <-> forallb (fun y => satisfies (requirement x (fst y)) (snd y)) m = true) }.
+    (consistent c m <-> forallb (fun y => satisfies (requirement x (fst y)) (snd y)) m = true);
+  same_quiet : Scenarios.Quiet c }.
 
 Lemma represented_partial : forall x c u position m, Represents x c ->
   (Partial c u position m <-> Partial (denoted (plain x)) u position m).
 Proof.
-  intros x c u position m [SO SP SC]. split; intros [ON OF AT NT DC PK CH].
+  intros x c u position m [SO SP SC _]. split; intros [ON OF AT NT DC PK CH].
   - assert (I : incl (domain m) (shape_occurrences x)) by (intros o J; now apply SO, OF).
     constructor; simpl in *; auto.
     + intros o p J K B. apply (DC o p J); [now apply SO | apply SP; auto].
@@ -44,7 +45,7 @@ Qed.
 
 Lemma represented_complete : forall x c (m : assigned E), Represents x c ->
   (complete c m <-> complete (denoted (plain x)) m).
-Proof. intros x c m [SO _ _]. unfold complete, incl; simpl. split; intros H o I; apply H; now apply SO. Qed.
+Proof. intros x c m [SO _ _ _]. unfold complete, incl; simpl. split; intros H o I; apply H; now apply SO. Qed.
 
 (** Every scenario is represented, and every shape represents one. *)
 Definition represented (scenarios : scenario E -> Prop) (xs : list shape) : Prop :=
@@ -63,11 +64,15 @@ Lemma represented_detected : forall scenarios xs s u, represented scenarios xs -
   (Detected Rel scenarios s u <-> Detected (fun e => relevant satisfies e = true) (Scenarios (map plain xs)) s u).
 Proof.
   intros scenarios xs s u [C S]. split.
-  - intros (w & v & c & -> & I & pos & m & P & K & Q). destruct (C c I) as (x & J & R).
-    exists w, v, (denoted (plain x)). repeat split; [exists (plain x); split; auto; now apply in_map |].
+  - intros (w & v & c & -> & I & M). destruct (C c I) as (x & J & R).
+    apply (Scenarios.quiet_match _ _ _ _ _ (same_quiet x c R)) in M as (pos & m & P & K & Q).
+    exists w, v, (denoted (plain x)). split; [auto |]. split; [exists (plain x); split; auto; now apply in_map |].
+    apply Scenarios.quiet_match; [apply Scenarios.denoted_quiet |].
     exists pos, m. rewrite <- (represented_partial x c), <- (represented_complete x c), <- (proj1 (relevant_positions _ _ _)); auto.
-  - intros (w & v & c' & -> & (p & I & ->) & pos & m & P & K & Q). apply in_map_iff in I as (x & <- & I).
-    destruct (S x I) as (c & J & R). exists w, v, c. repeat split; auto. exists pos, m.
+  - intros (w & v & c' & -> & (p & I & ->) & M). apply in_map_iff in I as (x & <- & I).
+    apply (Scenarios.quiet_match _ _ _ _ _ (Scenarios.denoted_quiet _ _)) in M as (pos & m & P & K & Q).
+    destruct (S x I) as (c & J & R). exists w, v, c. split; [auto |]. split; [auto |].
+    apply Scenarios.quiet_match; [apply (same_quiet x c R) |]. exists pos, m.
     rewrite (represented_partial x c), (represented_complete x c), (proj1 (relevant_positions _ _ _)); auto.
 Qed.
 
@@ -75,11 +80,15 @@ Lemma represented_left : forall scenarios xs s u, represented scenarios xs ->
   (Left Rel scenarios s u <-> Left (fun e => relevant satisfies e = true) (Scenarios (map plain xs)) s u).
 Proof.
   intros scenarios xs s u [C S]. split.
-  - intros (c & I & pos & m & P & K & Q). destruct (C c I) as (x & J & R).
+  - intros (c & I & M). destruct (C c I) as (x & J & R).
+    apply (Scenarios.quiet_left _ _ _ _ _ (same_quiet x c R)) in M as (pos & m & P & K & Q).
     exists (denoted (plain x)). split; [exists (plain x); split; auto; now apply in_map |].
-    exists pos, m. rewrite <- (represented_partial x c), <- (represented_complete x c), <- (proj2 (relevant_positions _ _ _)); auto.
-  - intros (c' & (p & I & ->) & pos & m & P & K & Q). apply in_map_iff in I as (x & <- & I).
-    destruct (S x I) as (c & J & R). exists c. split; auto. exists pos, m.
+    apply Scenarios.quiet_left; [apply Scenarios.denoted_quiet |]. exists pos, m.
+    rewrite <- (represented_partial x c), <- (represented_complete x c), <- (proj2 (relevant_positions _ _ _)); auto.
+  - intros (c' & (p & I & ->) & M). apply in_map_iff in I as (x & <- & I).
+    apply (Scenarios.quiet_left _ _ _ _ _ (Scenarios.denoted_quiet _ _)) in M as (pos & m & P & K & Q).
+    destruct (S x I) as (c & J & R). exists c. split; auto. apply Scenarios.quiet_left; [apply (same_quiet x c R) |].
+    exists pos, m.
     rewrite (represented_partial x c), (represented_complete x c), (proj2 (relevant_positions _ _ _)); auto.
 Qed.
 
@@ -95,9 +104,9 @@ End Representation.
 
 (** ** Trees *)
 
-Lemma represented_acyclic : forall satisfies t w x c, IsScenario t w c -> Represents satisfies x c -> acyclic x.
+Lemma represented_acyclic : forall satisfies t w x c, IsScenario t w [] c -> Represents satisfies x c -> acyclic x.
 Proof.
-  intros satisfies t w x c (r & last & _ & _ & _ & ([rank F] & _) & O & B & _) [SO SP _].
+  intros satisfies t w x c (r & last & _ & _ & _ & ([rank F] & _) & O & B & _) [SO SP _ _].
   exists rank. intros p o I J K. apply SP in K; auto. apply SO, O in I. apply SO, O in J. apply F; auto.
   specialize (B p o). tauto.
 Qed.
@@ -108,7 +117,7 @@ Variable w : selection.
 Variable satisfies : nat -> event -> bool.
 Variable xs : list shape.
 Hypothesis relevance_is : forall e, RelevantEvent t e <-> relevant satisfies e = true.
-Hypothesis tree_represented : represented satisfies (IsScenario t w) xs.
+Hypothesis tree_represented : represented satisfies (IsScenario t w []) xs.
 
 Lemma tree_verdict : forall s u v, VerdictOfTree t w s u v <->
   Verdict (fun e => relevant satisfies e = true) (Scenarios (map (plain satisfies) xs)) s u v.

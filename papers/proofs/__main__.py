@@ -15,7 +15,18 @@ FOLDER: Final = Path(__file__).parent
 PROOFS: Final = FOLDER.parents[1] / "proofs"
 PARTS: Final[Mapping[str, tuple[str, ...]]] = {
     "Meaning": ("Values", "Language", "Definition"),
-    "Monitor": ("Search", "Conditions", "Scenarios", "Pruning", "Keys", "Monitor", "Verdicts", "Normal"),
+    "Monitor": (
+        "Search",
+        "Conditions",
+        "Scenarios",
+        "Waiting",
+        "Absences",
+        "Pruning",
+        "Keys",
+        "Monitor",
+        "Verdicts",
+        "Normal",
+    ),
 }
 """The files of the definition and of the monitor; all others are about translations."""
 

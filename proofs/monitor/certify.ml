@@ -491,6 +491,8 @@ let certify_rml task =
 
 (* The answer for a text; [limit] bounds the pairs of a state of the text and a state of the automaton. *)
 let certify read selection semantics limit v =
+  if not (no_absences read.tree) then refuse "absent events (`without`) are not certified";
+  if not (basic read.tree) then refuse "values of each event (`distinct`, `each`) are not certified";
   if read.tree.lateness <> None && need "in_order" v <> Json.Bool true then refuse "the tree drops late events";
   let predicates = items (need "predicates" v) in
   let reads_time v = Option.fold ~none:false ~some:((<>) Json.Null) (field "time" v) in

@@ -3,12 +3,14 @@
 open Rvaft_monitor
 
 let usage = "usage: rvaft-verified TREE.json [LOG.jsonl] [--semantics strict|projected|consecutive|scattered]
-         [--kind fault|attack] [--choose '{\"NODE\": \"CHILD\", ...}'] [--repeat] [--traces]
+         [--kind fault|attack] [--choose '{\"NODE\": \"CHILD\", ...}'] [--repeat] [--complete] [--traces]
        rvaft-verified TREE.json --certify TEXT.json [--semantics S] [--kind K] [--choose CHOICES] [--limit N]
 
 Write TREE.json by `rvaft show TREE --format json -o TREE.json`. Without LOG, or for -, events come from
 standard input. One line per event is printed: {\"event\": 1, \"verdict\": \"unknown\"}. With --traces each line
 is a list of events, and one line per trace is printed: T, F or ? after each event.
+With --complete the log has ended, so that what it lacks will not come: a detection by that has a line more,
+and each line of --traces a sign more.
 --choose names a child for each `or` that a branch reaches; CHOICES is such an object.
 With --certify, a text of LTLf, HOA or RML, which `rvaft emit --certify` writes as JSON, is compared with
 the tree for all traces; N bounds the comparison.
@@ -50,7 +52,8 @@ let is_blank line = String.for_all (fun c -> c = ' ' || c = '\t' || c = '\r') li
 
 let run () =
   let tree_file = ref None and log_file = ref None and semantics = ref None and kind = ref None in
-  let choices = ref None and repeat = ref false and traces = ref false and certify = ref None and limit = ref None in
+  let choices = ref None and repeat = ref false and complete = ref false and traces = ref false in
+  let certify = ref None and limit = ref None in
   let rec options = function
     | "--semantics" :: s :: rest -> semantics := Some s; options rest
     | "--kind" :: k :: rest -> kind := Some k; options rest
@@ -61,6 +64,7 @@ let run () =
     | "--limit" :: n :: rest -> (match int_of_string_opt n with Some n when n > 0 -> limit := Some n | _ ->
         fail "--limit takes a number, not %s" n); options rest
     | "--repeat" :: rest -> repeat := true; options rest
+    | "--complete" :: rest -> complete := true; options rest
     | "--traces" :: rest -> traces := true; options rest
     | ("--help" | "-h") :: _ -> print_endline usage; exit 0
     | option :: _ when String.length option > 1 && option.[0] = '-' -> fail "unknown or incomplete option %s" option
@@ -75,6 +79,7 @@ let run () =
   let tree_file = match !tree_file with Some f -> f | None -> fail "no tree is given; %s" hint in
   if !certify <> None && !repeat then
       fail "--repeat and --certify exclude each other: a text is compared until a detection";
+  if !certify <> None && !complete then fail "--complete and --certify exclude each other";
   if !certify <> None && !traces then fail "--traces and --certify exclude each other";
   if !certify <> None && !log_file <> None then fail "with --certify no log is read";
   if !certify = None && !limit <> None then fail "--limit bounds the comparison of --certify, which is not given";
@@ -106,15 +111,17 @@ let run () =
     | Some other, None -> fail "unknown kind %s" other
     | None, Some choices -> OneBranch (List.map choice choices)
     | Some _, Some _ -> fail "--kind and --choose exclude each other" in
-  let begin_ = first tree selection in
+  let start = first_after tree selection in
+  let begin_ = start [] in
   (* The first state follows the feasible scenarios that are selected. *)
-  (match begin_, selection with
-   | Active [], OfKind k when not (List.exists (has_kind tree k) (branches tree)) ->
+  let scenarios = match begin_ with Pruned (Active []) | Watched (Watching (_, [])) -> false | _ -> true in
+  (match scenarios, selection with
+   | false, OfKind k when not (List.exists (has_kind tree k) (branches tree)) ->
      fail "no branch has the kind %s" (Option.get !kind)
-   | Active [], Everything -> fail "%s: no feasible scenario" tree_file
-   | Active [], OneBranch _ -> fail "no feasible scenario: --choose names a child for each `or` that the branch reaches"
-   | Active [], OfKind _ -> fail "no feasible scenario"
-   | _ -> ());
+   | false, Everything -> fail "%s: no feasible scenario" tree_file
+   | false, OneBranch _ -> fail "no feasible scenario: --choose names a child for each `or` that the branch reaches"
+   | false, OfKind _ -> fail "no feasible scenario"
+   | true, _ -> ());
   match !certify with
   | Some file ->
     (match Certify.certify read selection semantics (Option.value ~default:1_000_000 !limit) (Json.parse
@@ -125,7 +132,7 @@ let run () =
      | exception Json.Bad (place, why) -> fail "%s: byte %d: %s" file place why)
   | None ->
   let step = next tree semantics in
-  let step = if !repeat then next_repeated begin_ step else step in
+  let step = if !repeat then next_repeated start step else step in
   let time_of_value v = match time with
     | None -> None
     | Some (path, format) -> Option.bind (Clock.at path v) (Clock.read format) in
@@ -137,6 +144,10 @@ let run () =
     let verdict = verdict_after state in
     if verdict = Top then detected := true;
     ((greatest seen time, state), verdict) in
+  let at_end state =
+    let verdict = verdict_after (finish state) in
+    if verdict = Top then detected := true;
+    verdict in
   let name, channel = match !log_file with
     | None | Some "-" -> "<stdin>", stdin
     | Some file -> file, open_file file in
@@ -157,8 +168,9 @@ let run () =
           List.iteri (fun i -> function
               | Json.Object _ -> ()
               | _ -> fail "%s:%d: event %d: an event is a JSON object" name number (i + 1)) events;
-          let _, signs = List.fold_left (fun (now, signs) v -> let now, verdict = after now v in (now,
+          let (_, state), signs = List.fold_left (fun (now, signs) v -> let now, verdict = after now v in (now,
               sign verdict :: signs)) ((None, begin_), []) events in
+          let signs = if !complete then sign (at_end state) :: signs else signs in
           print_endline (String.of_seq (List.to_seq (List.rev signs)))
         | _ -> fail "%s:%d: with --traces each line is a list of events" name number)
   else begin
@@ -169,7 +181,10 @@ let run () =
           let next, verdict = after !now v in
           now := next;
           Printf.printf "{\"event\": %d, \"verdict\": \"%s\"}\n" !count (List.assoc verdict words)
-        | _ -> fail "%s:%d: an event is a JSON object" name number)
+        | _ -> fail "%s:%d: an event is a JSON object" name number);
+    let state = snd !now in
+    if !complete && verdict_after state <> Top && at_end state = Top then
+      Printf.printf "{\"event\": %d, \"verdict\": \"true\", \"passed\": \"end of the log\"}\n" !count
   end;
   if !detected then 1 else 0
 

@@ -205,12 +205,20 @@ let read (v : Json.t) : t =
     | Some other -> refuse "the gate %s is not supported" other in
   let lower = lower_of (field "lowercase" v) in
   let condition rigid = read_field "condition" (optional (guard lower rigid node_number)) in
+  (* A variable of an absent event that no node observes is the event's own, of whatever name. *)
+  let absence v =
+    let duration = read_field "duration" (optional big) v in
+    { absent = read_field "on" (call events rigid) v; absent_when = condition rigid v;
+      side_of = (match read_field "side" text v, duration with
+          | "during", None -> During
+          | "after", Some d -> After d
+          | "before", d -> Before d
+          | other, _ ->
+            refuse "`%s` with%s a duration is not supported" other (if duration = None then "out" else "")) } in
   let times_of v = match number v with
     | n when n >= 1 -> n
     | n -> refuse "%d is less than 1" n in
   let made name = within ("node " ^ name) (fun n ->
-    List.iter (fun extra -> if field extra n <> None then refuse "`%s` is not supported" extra)
-      [ "without"; "distinct"; "each" ];
     let gate = gate n in
     let condition = condition rigid n in
     let on = match read_field "on" (optional (call events rigid)) n with
@@ -226,11 +234,23 @@ let read (v : Json.t) : t =
     (match gate with
      | AtLeast k when k < 1 || k > List.length kept -> refuse "threshold: %d of %d children" k (List.length kept)
      | _ -> ());
+    let own name = match field name n with
+      | None -> []
+      | Some v -> within name (fun v ->
+          if gate <> Leaf then refuse "only a leaf has values for each event";
+          List.map (fun x ->
+              if not (Option.fold ~none:false ~some:(fun p -> List.mem (rigid x) (pattern_variables p)) on) then
+                refuse "%s does not stand in `on`" x;
+              rigid x) (texts v)) v in
     { gate_of = gate; children = List.map (Hashtbl.find numbers) kept; on; times;
       when0 = condition; within = read_field "within" (optional big) n;
       kind_of = (match read_field "kind" (optional text) n with
           | None -> None | Some "fault" -> Some Fault | Some "attack" -> Some Attack
-          | Some other -> refuse "unknown kind %s" other) }) (node name) in
+          | Some other -> refuse "unknown kind %s" other);
+      distinct_values = own "distinct"; each_values = own "each";
+      without = (match field "without" n with
+          | None -> []
+          | Some v -> within "without" (fun v -> List.map absence (items v)) v) }) (node name) in
   let ignored i = within (Printf.sprintf "ignore %d" (i + 1)) (fun v ->
       let own = numbering () in let on = read_field "on" (call events own) v in (on, condition own v)) in
   let time = optional Fun.id (need "time" v) in
@@ -241,6 +261,6 @@ let read (v : Json.t) : t =
     ignores = List.mapi ignored (read_field "ignores" items v);
     lateness = Option.bind time (within "time" (read_field "late" (optional big))) } in
   if not (well_formed tree) then
-    refuse "the tree is not well formed: the condition of an `ignore` has a variable that its event does not bind";
+    refuse "the tree is not well formed: the condition of an `ignore` or `without` has a variable that no event binds";
   { tree; time; semantics = read_field "semantics" (optional text) v; numbers = node_number;
     names = order; variables; lower }

@@ -173,7 +173,7 @@ class _Scenario:
             if events and events <= times.keys():
                 known[name] = _extreme(point, [times[event] for event in events])
         for condition in self.conditions:
-            for own in self._own(binding, times, condition.source.node):
+            for own in ({}, *self._own(binding, times, condition.source.node)):
                 every = {**known, **own}
                 if names(condition.guard) <= every.keys() and not holds(condition.guard, every):
                     return False

@@ -212,7 +212,8 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
             defined = [time for time in times if time is not None]
             known[point] = None if len(defined) < len(times) else max(defined) if point[0] == "e" else min(defined)
     for node in scenario.nodes:
-        for own in _own_values(scenario, partial, node):
+        # Clause: the guard holds for each of the events; without their own values it may be known before.
+        for own in ({}, *_own_values(scenario, partial, node)):
             if node.when is not None and names(node.when) <= {*known, *own} and not holds(node.when, {**known, **own}):
                 return False
         # Clause: the values of `distinct` are pairwise different, as the guard says that compares them.

@@ -471,6 +471,24 @@ def differing(right: RVAFT, wrong: RVAFT, semantics: Semantics, random: Random) 
 
 
 @built
+@pytest.mark.parametrize(
+    ("tree", "reason"),
+    [
+        ("top sand y; y times 2 distinct X on a(X);", "values of each event (`distinct`, `each`) are not certified"),
+        ("top sand y; y times 2 each X on a(X);", "values of each event (`distinct`, `each`) are not certified"),
+        ("top sand x y without a(5); x on a(6); y on a(7);", "absent events (`without`) are not certified"),
+    ],
+)
+def test_what_other_positions_and_own_values_need_is_not_certified(tree: str, reason: str) -> None:
+    """A right text of another tree is compared with it, which says why it decides nothing."""
+    event = "event a(x) = { a: x };"
+    text = emitted(loads(f"{event} top sand x; x on a(X);"), "ltlf", Semantics.SCATTERED)
+    assert text is not None
+    status, why = certified(loads(f"{event} {tree}"), text, "ltlf", Semantics.SCATTERED)
+    assert (status, why) == (2, f"not certified: {reason}")
+
+
+@built
 @pytest.mark.parametrize("language", LANGUAGES)
 @pytest.mark.parametrize("seed", sampled(((seed,) for seed in range(6)), 3))
 def test_random_trees_and_mistakes(language: str, seed: int) -> None:

@@ -4,7 +4,8 @@ import json
 import math
 import os
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from random import Random
@@ -16,7 +17,7 @@ from click.testing import CliRunner
 from backends.conformance import examples
 from cross_check.campaign import catalogue
 from cross_check.generate.traces import random_trace
-from cross_check.generate.trees import random_tree
+from cross_check.generate.trees import Shape, random_tree
 from cross_check.judges import verified_of
 from cross_check.participants import ENGINE, Absent, Outside, Participant, engine_of
 from cross_check.results import Job, Status
@@ -27,7 +28,7 @@ from rvaft.core.branches import restrict
 from rvaft.engine.monitor import Engine
 from rvaft.export.interchange import json_text
 from rvaft.model.guards import UNDEFINED, Operation, Operator, value
-from rvaft.model.nodes import Kind
+from rvaft.model.nodes import Kind, Node, Side, Without
 from rvaft.model.patterns import Variable
 from rvaft.semantics import Reference
 from tests.faults.test_wrong_trees import compared
@@ -38,7 +39,7 @@ from tests.tables import sampled
 
 pytestmark = built
 
-UNSUPPORTED = ("strptime", "`without`", "`distinct`", "`each`")
+UNSUPPORTED = ("strptime",)
 
 
 def verified(
@@ -103,8 +104,16 @@ def test_without_the_program_it_is_missing() -> None:
     assert found.status is Status.TOOL_MISSING
 
 
-def test_repetition_is_that_of_the_engine(tmp_path: Path) -> None:
-    text = "time t as s late 2 s; top and x c within 4 s; x sand a b;"
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time t as s late 2 s; top and x c within 4 s; x sand a b;",
+        'time t as s late 2 s; event e(n) = { event: n }; top sand a b without e("z") for 3 s before;',
+        'time t as s; event e(n) = { event: n }; g or a c without e("z") for 1 s after without e("b") for 2 s before;',
+    ],
+)
+def test_repetition_is_that_of_the_engine(tmp_path: Path, text: str) -> None:
+    """Clause: after a repetition, events before the last detection can still break a `without`."""
     tree, random = loads(text), Random("repetition")
     seen = 0
     for semantics in Semantics:
@@ -114,7 +123,43 @@ def test_repetition_is_that_of_the_engine(tmp_path: Path) -> None:
         expected = [str(engine.step(event).value) for event in events]
         assert [json.loads(line)["verdict"] for line in done.stdout.splitlines()] == expected
         seen += expected.count("true")
-    assert seen > 20
+    assert seen > 10
+
+
+def test_the_end_of_the_trace_decides(tmp_path: Path) -> None:
+    """Clause: after the end of the trace every `for D after` of a match is decided."""
+    random, decided = Random("end"), 0
+    while decided < 20:
+        tree = random_tree(random, ABSENT)
+        if not any(clause.side is Side.AFTER for node in tree.nodes.values() for clause in node.without):
+            continue
+        for semantics in Semantics:
+            traces = [random_trace(random, tree, max_length=8) for _ in range(20)]
+            options = ("--traces", "--complete", "--semantics", semantics)
+            done = run(tmp_path, tree, *options, given=lines(traces))
+            if "strptime" in done.stderr:
+                continue
+            assert not done.stderr
+            expected = []
+            for trace in traces:
+                reference = Reference(tree, semantics)
+                list(reference.run(trace))
+                before = reference.verdict
+                expected.append(reference.finish())
+                decided += before is not expected[-1]
+            signs = {Verdict.TRUE: "T", Verdict.FALSE: "F", Verdict.UNKNOWN: "?"}
+            assert [line[-1] for line in done.stdout.splitlines()] == [signs[verdict] for verdict in expected]
+
+
+def test_a_complete_log_has_a_line_for_its_end(tmp_path: Path) -> None:
+    text = "time t as s; event beat(r) = { beat: r }; lost on beat(R) without beat(R) for 2 s after;"
+    tree, given = loads(text), lines([{"beat": 1, "t": 0}, {"beat": 1, "t": 1}])
+    for options in ([], ["--repeat"]):
+        done = run(tmp_path, tree, "--semantics", "scattered", "--complete", *options, given=given)
+        *_, second, last = map(json.loads, done.stdout.splitlines())
+        assert second == {"event": 2, "verdict": "unknown"}
+        assert last == {"event": 2, "verdict": "true", "passed": "end of the log"}
+        assert done.returncode == 1
 
 
 @pytest.mark.parametrize("mistake", sampled(((mistake,) for mistake in sorted(MISTAKES)), 4))
@@ -169,6 +214,12 @@ def _node(**fields: Any) -> dict[str, Any]:
     return {"nodes": [*others, b | fields]}
 
 
+def _absent(**fields: Any) -> dict[str, Any]:
+    """The nodes of `top and a b;` with an absent event at b, and fields of that changed."""
+    own = {"on": {"event": "e", "arguments": []}, "side": "during", "duration": None, "condition": None}
+    return _typed({"any": True}) | _node(without=[own | fields])
+
+
 def _typed(pattern: Any, arguments: Sequence[Any] = ()) -> dict[str, Any]:
     event = {"name": "e", "parameters": [], "pattern": pattern}
     return {"events": [event], **_node(on={"event": "e", "arguments": arguments})}
@@ -178,8 +229,12 @@ def _typed(pattern: Any, arguments: Sequence[Any] = ()) -> dict[str, Any]:
     ("changed", "message"),
     [
         ({"version": 3}, "not a tree in JSON"),
-        (_node(without=[]), "node b: `without` is not supported"),
-        (_node(distinct=["X"]), "node b: `distinct` is not supported"),
+        (_absent(duration=1), "node b: without: `during` with a duration is not supported"),
+        (_absent(side="after"), "node b: without: `after` without a duration is not supported"),
+        (_absent(side="inside"), "node b: without: `inside` without a duration is not supported"),
+        (_absent(condition={"variable": "X"}), "tree.json: the tree is not well formed"),
+        (_node(distinct=["X"]), "node b: distinct: X does not stand in `on`"),
+        (_node(gate="and", children=["a"], each=["X"]), "node b: each: only a leaf has values for each event"),
         ({"root": "nobody"}, "unknown node nobody"),
         ({"causality": "sideways"}, "unknown causality sideways"),
         ({"time": {"field": ["t"], "format": "days", "late": None}}, "the time format days is not supported"),
@@ -221,6 +276,7 @@ def test_options_that_are_wrong(tmp_path: Path) -> None:
         (["--choose", '{"a": "b"}'], "the node a is no `or`"),
         (["--kind", "fault"], "no branch has the kind fault"),
         (["--kind", "other"], "unknown kind other"),
+        (["--complete", "--certify", "text.json"], "--complete and --certify exclude each other"),
         (["--repeat", "--certify", "text.json"], "--repeat and --certify exclude each other"),
         (["--traces", "--certify", "text.json"], "--traces and --certify exclude each other"),
         (["log.jsonl", "--certify", "text.json"], "with --certify no log is read"),
@@ -346,6 +402,57 @@ def test_arithmetic_is_that_of_the_definition(tmp_path: Path, sign: str) -> None
     done = run(tmp_path, tree, "--traces", "--semantics", "scattered", given=given)
     assert done.stdout.replace("\n", "") == expected
     assert expected.count("T") > 100
+
+
+def _clauses(change: Callable[[Without], Without]) -> Callable[[Node], Node]:
+    return lambda node: replace(node, without=tuple(map(change, node.without)))
+
+
+def _elsewhere(one: Side, other: Side) -> Callable[[Node], Node]:
+    return _clauses(lambda clause: replace(clause, side=other) if clause.side is one else clause)
+
+
+COUNTED = Shape(max_nodes=6, variables=1, typed_events=0.9, counted=0.7, absences=0)
+ABSENT = Shape(max_nodes=5, absences=1, times=0.6)
+FAULTS: dict[str, tuple[Shape, Callable[[Node], Node]]] = {
+    "all values are those of the tree": (COUNTED, lambda node: replace(node, distinct=(), each=())),
+    "distinct as each": (COUNTED, lambda node: replace(node, distinct=(), each=node.own_values)),
+    "each as distinct": (COUNTED, lambda node: replace(node, distinct=node.own_values, each=())),
+    "no absent events": (ABSENT, lambda node: replace(node, without=())),
+    "absent events without guards": (ABSENT, _clauses(lambda clause: replace(clause, when=None))),
+    "during as before": (ABSENT, _elsewhere(Side.DURING, Side.BEFORE)),
+    "after as before": (ABSENT, _elsewhere(Side.AFTER, Side.BEFORE)),
+    "before as after": (
+        ABSENT,
+        _clauses(lambda one: replace(one, side=Side.AFTER) if one.side is Side.BEFORE and one.duration else one),
+    ),
+    "a longer duration": (
+        ABSENT,
+        _clauses(lambda one: one if one.duration is None else replace(one, duration=one.duration + 10**9)),
+    ),
+}
+"""Planted faults: the shape of random trees, and what the fault makes of a node."""
+
+
+@pytest.mark.parametrize("mistake", sampled(((mistake,) for mistake in FAULTS), 4))
+def test_random_trees_and_planted_faults(mistake: str) -> None:
+    """It has the verdicts of the reference for a tree, and others for the tree with the fault."""
+    shape, fault = FAULTS[mistake]
+    random, trees, differing = Random(mistake), 0, 0
+    while trees < 8:
+        tree = random_tree(random, shape)
+        wrong = tree.changed(nodes=map(fault, tree.nodes.values()))
+        if wrong == tree:
+            continue
+        for semantics in random.sample([*Semantics], 2):
+            traces = [random_trace(random, tree, max_length=8) for _ in range(40)]
+            right = verdicts(tree, semantics, traces)
+            if right is not None:
+                first = Reference(tree, semantics)
+                assert right == [tuple(first.fork().run(trace)) for trace in traces]
+                trees += 1
+                differing += verdicts(wrong, semantics, traces) != right
+    assert differing > 0
 
 
 @pytest.mark.slow

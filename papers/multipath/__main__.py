@@ -1,9 +1,11 @@
 """`python -m papers.multipath [TREE TYPE...]`: write the results, or the texts for the published tools.
 
-Without arguments, `README.md` is written anew. With a tree and hidden event types, the property goes
-to `TREE.hltl` and `TREE.mchyper`, and the automaton to `TREE.aag`, in the current folder.
+Without arguments, the generated parts of `README.md` are written anew. With a tree and hidden event
+types, the property goes to `TREE.hltl` and `TREE.mchyper`, and the automaton to `TREE.aag`, in the
+current folder.
 """
 
+import re
 import sys
 from collections.abc import Iterator, Sequence
 from itertools import chain, combinations
@@ -20,6 +22,8 @@ FOLDER: Final = Path(__file__).parent
 TREES: Final = FOLDER.parents[1] / "trees"
 MANY: Final = 8
 """Event types of which every set is decided; of more, each one and all."""
+PART: Final = re.compile(r"(<!-- (?P<name>(?!end)\w+) -->\n)(.*?)(\n<!-- end -->)", re.DOTALL)
+"""A generated part of the page."""
 
 
 class TreeResult(NamedTuple):
@@ -35,9 +39,9 @@ class TreeResult(NamedTuple):
     most: float
 
 
-def results() -> Iterator[TreeResult]:
+def results(names: str = "*.rvaft") -> Iterator[TreeResult]:
     """Decide the shipped trees that an automaton expresses without `ignore`."""
-    for path in sorted(TREES.rglob("*.rvaft")):
+    for path in sorted(TREES.rglob(names)):
         for semantics in Semantics:
             try:
                 found = machine(load(path), semantics)
@@ -55,39 +59,46 @@ def results() -> Iterator[TreeResult]:
             yield TreeResult(name, semantics, found, free, len(sets), median(times), max(times))
 
 
-def page(every: Sequence[TreeResult]) -> str:
-    """Return the page of results."""
-    text = (FOLDER / "template.md").read_text(encoding="utf-8")
-    trees, sets = {one.tree for one in every}, sum(one.sets for one in every)
-    free = [one for one in every if one.free]
-    shown = [one for one in every if one.tree.startswith(("gates/", "remote_inspection/"))]
+def page(text: str, every: Sequence[TreeResult]) -> str:
+    """Return the page with these results in its generated parts: `<!-- NAME -->` to `<!-- end -->`."""
+    free = ", ".join(
+        f"{one.tree} under {one.semantics} ({', '.join(map(_names, one.free))})" for one in every if one.free
+    )
+    trees = {one.tree for one in every}
+    parts = {
+        "counts": f"{len(trees)} trees, {len(every)} automata, {sum(one.sets for one in every):,} sets of hidden "
+        f"types; of these may be hidden: {sum(len(one.free) for one in every)} ({free or 'none'}).",
+        "states": "\n".join(_states(every)),
+        "times": f"A decision takes {median(one.milliseconds for one in every):.1g} ms, the median of all sets, "
+        f"and {max(one.most for one in every):.0f} ms at most.",
+        "pairs": "\n".join(_pairs(every)),
+    }
+    return PART.sub(lambda found: f"{found[1]}{parts[found['name']]}{found[4]}", text)
+
+
+def _states(every: Sequence[TreeResult]) -> Iterator[str]:
+    """Yield the table of the states of gates and of the paper's trees."""
+    yield f"| tree | event types | {' | '.join(Semantics)} |"
+    yield f"| --- | ---: |{' ---: |' * len(Semantics)}"
     by_tree: dict[str, list[TreeResult]] = {}
-    for found in shown:
-        by_tree.setdefault(found.tree, []).append(found)
-    rows = [
-        f"| `{tree}` | {len(some[0].machine.types)} | {' | '.join(str(len(one.machine.next)) for one in some)} |"
-        for tree, some in by_tree.items()
-    ]
+    for found in every:
+        if found.tree.startswith(("gates/", "remote_inspection/")):
+            by_tree.setdefault(found.tree, []).append(found)
+    for tree, some in by_tree.items():
+        yield f"| `{tree}` | {len(some[0].machine.types)} | {' | '.join(str(len(one.machine.next)) for one in some)} |"
+
+
+def _pairs(every: Sequence[TreeResult]) -> Iterator[str]:
+    """Yield the table of shortest pairs of traces for the paper's trees."""
+    yield "| tree | hidden | semantics | one trace | the other |"
+    yield "| --- | --- | --- | --- | --- |"
     paper = {(one.tree, one.semantics): one.machine for one in every if one.tree.startswith("remote_inspection/")}
-    pairs = []
     for tree, hidden in (("full", ("battery", "image")), *(("pruned", (name,)) for name in ("radiation", "goal"))):
         for semantics in (Semantics.PROJECTED, Semantics.SCATTERED):
             steps = difference(paper[f"remote_inspection/{tree}", semantics], hidden)
             assert steps is not None
             one, other = (_word(letters) for letters in zip(*steps, strict=True))
-            pairs.append(f"| {tree} | {_names(hidden)} | {semantics} | {one} | {other} |")
-    return text.format(
-        trees=len(trees),
-        machines=len(every),
-        sets=f"{sets:,}",
-        free=sum(len(one.free) for one in every),
-        of=", ".join(f"{one.tree} under {one.semantics} ({', '.join(map(_names, one.free))})" for one in free)
-        or "none",
-        rows="\n".join(rows),
-        median=f"{median(one.milliseconds for one in every):.1g}",
-        most=f"{max(one.most for one in every):.0f}",
-        pairs="\n".join(pairs),
-    )
+            yield f"| {tree} | {_names(hidden)} | {semantics} | {one} | {other} |"
 
 
 def _names(hidden: Sequence[str]) -> str:
@@ -104,7 +115,8 @@ def main() -> int:
         print(__doc__)
         return 0
     if len(sys.argv) == 1:
-        (FOLDER / "README.md").write_text(page([*results()]), encoding="utf-8")
+        file = FOLDER / "README.md"
+        file.write_text(page(file.read_text(encoding="utf-8"), [*results()]), encoding="utf-8")
         return 0
     path, *hidden = sys.argv[1:]
     try:

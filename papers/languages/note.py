@@ -315,16 +315,17 @@ def _large(rows: Sequence[Measurement]) -> Iterator[str]:
         (row.ended, row.language, row.semantics) for row in rows if row.ended in (Outcome.TOO_LARGE, Outcome.TIMEOUT)
     )
     yield from [""] * bool(kinds)
-    found: dict[tuple[str, str], list[str]] = {}
+    found: dict[str, dict[str, list[str]]] = {}
     for outcome, language, semantics in kinds:
         met = [row for row in rows if (row.ended, row.language, row.semantics) == (outcome, language, semantics)]
         least = {gate: min(row.children or 0 for row in met if row.gate is gate) for gate in {row.gate for row in met}}
         first = [row.tree for row in met if row.children == least[row.gate]]
         why = met[0].reason or met[0].run_reason
         smallest = f"{len(met)} gates, the smallest {', '.join(first)} ({why.strip()})"
-        found.setdefault((f"{outcome} in `{language}`", smallest), []).append(f"`{semantics}`")
-    for (where, smallest), under in found.items():
-        yield f"- {where} under {', '.join(under)}: {smallest}."
+        found.setdefault(smallest, {}).setdefault(f"{outcome} in `{language}`", []).append(f"`{semantics}`")
+    for smallest, places in found.items():
+        found_in = "; ".join(f"{where} under {', '.join(under)}" for where, under in places.items())
+        yield f"- {found_in}: {smallest}."
 
 
 def _sizes_and_times(rows: Sequence[Measurement]) -> Iterator[str]:

@@ -1150,7 +1150,11 @@ static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t fiel
 
 #endif
 
+/* @events */
+/* @kept */
 /* @matches */
+/* @steps */
+/* @follow */
 /*@ requires \valid(m) && \valid_read(e) && \separated(m, e);
     assigns m->latest, m->has_latest;
     ensures \result != 0 ==> m->latest == \old(m->latest) > e->time;
@@ -1220,7 +1224,36 @@ static int decided(rvaft_monitor *m, int verdict) {
     return verdict;
 }
 
-/* @step */
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
+    assigns *m;
+    ensures sound(m) && \result == outcome(m);
+    behavior final:
+        assumes outcome(m) != RVAFT_UNKNOWN;
+        assigns \nothing;
+        ensures \result == \old(outcome(m)); */
+static int step(rvaft_monitor *m, const rvaft_event *e) {
+    int late;
+    uint32_t i;
+    if (m->error != 0) {
+        return m->error;
+    }
+    if (m->verdict != RVAFT_UNKNOWN) {
+        return m->verdict;
+    }
+    /*@ loop invariant 0 <= i <= RVAFT_FIELDS;
+        loop assigns i, m->known[0 .. RVAFT_FIELDS - 1];
+        loop variant RVAFT_FIELDS - i; */
+    for (i = 0; i < RVAFT_FIELDS; i++) {
+        if (e->field[i].tag == RVAFT_BIG && e->field[i].text == NULL) { /* a double of more than 64 bits */
+            m->error = RVAFT_UNSUPPORTED;
+            return m->error;
+        }
+        m->known[i] = 0;
+    }
+    late = is_late(m, e);
+    return decided(m, follow(m, e, late));
+}
+
 #if RVAFT_KEYED
 
 /* Append the bytes of a key; returns 0 if there is no room. */
@@ -1389,4 +1422,5 @@ RVAFT_API int rvaft_finish(rvaft_monitor *m) {
 
 #endif
 
+/* @bytes */
 /* @state */

@@ -19,7 +19,7 @@ CAPACITY: Final = 1024
 class StageWriter(Writer):
     """Writes stages, and their moves."""
 
-    runtime: ClassVar[str] = "stages.c"
+    runtime: ClassVar[tuple[str, ...]] = ("stages.c",)
 
     def __init__(
         self,

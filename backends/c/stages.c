@@ -680,11 +680,6 @@ static uint64_t hash_of_move(rvaft_monitor *m, const move *mv, const rvaft_event
 static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count) {
     store *s = &m->stores[0];
     uint32_t cursor[RVAFT_PATTERNS] = {0}, i;
-#if !RVAFT_ABSENCES
-    if (s->count > m->sweep_at) {
-        sweep(m, s);
-    }
-#endif
     for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
         cursor[i] = ROW(pattern_moves, matched[i]);
     }
@@ -867,25 +862,67 @@ static int decide(rvaft_monitor *m, store *s, int64_t time) {
 }
 #endif
 
-/* The verdict after an event: it decides clauses, breaks partial matches, and extends those before it. */
-/*@ assigns *m; */
-static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
-    uint8_t matches[RVAFT_PATTERNS] = {0};
-    int verdict = RVAFT_UNKNOWN;
-    store *s = &ROW(m->stores, m->now);
+#endif
+
+/* @follow */
 #if RVAFT_SCATTERED
-    uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0, i;
-    if (s->count > m->sweep_at || (m->ended && s->count > RVAFT_CAPACITY - RVAFT_CAPACITY / 4)) {
-        sweep(m, s);
+/* Whether there are so many partial matches that those of no use should be removed. */
+static int is_crowded(const rvaft_monitor *m, const store *s) {
+#if RVAFT_ABSENCES
+    if (m->ended && s->count > RVAFT_CAPACITY - RVAFT_CAPACITY / 4) {
+        return 1;
     }
 #endif
+    return s->count > m->sweep_at;
+}
+#endif
+
+/* The verdict after an event: it decides clauses, breaks partial matches, and extends those before it. */
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e);
+    assigns *m; */
+static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
+    uint8_t matches[RVAFT_PATTERNS];
+    int verdict = RVAFT_UNKNOWN;
+    uint32_t i;
+#if RVAFT_ABSENCES
+    store *s = &ROW(m->stores, m->now);
+#endif
+#if RVAFT_SCATTERED
+    uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0;
+#endif
+#if RVAFT_PROJECTS && !RVAFT_ABSENCES
+    if (late || !relevant(&m->error, e)) {
+        return RVAFT_UNKNOWN;
+    }
+#endif
+    if (late) {
+        /*@ loop invariant 0 <= i <= RVAFT_PATTERNS;
+            loop assigns i, matches[0 .. RVAFT_PATTERNS - 1];
+            loop variant RVAFT_PATTERNS - i; */
+        for (i = 0; i < RVAFT_PATTERNS; i++) {
+            matches[i] = 0;
+        }
+    } else {
+        match(matches, e);
+    }
+#if RVAFT_SCATTERED
+    /*@ loop invariant 0 <= count <= i <= RVAFT_PATTERNS;
+        loop assigns i, count, matched[0 .. RVAFT_PATTERNS - 1];
+        loop variant RVAFT_PATTERNS - i; */
+    for (i = 0; i < RVAFT_PATTERNS; i++) {
+        if (matches[i]) {
+            matched[count++] = i;
+        }
+    }
+    if ((RVAFT_ABSENCES || count != 0) && is_crowded(m, &m->stores[0])) {
+        sweep(m, &m->stores[0]);
+    }
+#endif
+#if RVAFT_ABSENCES
     m->tick++;
     if (m->tick == 0) {
         rebuild(m, s);
         m->tick = 1;
-    }
-    if (!late) {
-        match(matches, e);
     }
 #if RVAFT_WAITS
     if (e->has_time && decide(m, s, e->time)) {
@@ -895,17 +932,13 @@ static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
     if (verdict == RVAFT_UNKNOWN && !late) {
         break_open(m, s, e, matches);
     }
+#endif
 #if RVAFT_SCATTERED
-    for (i = 0; i < RVAFT_PATTERNS; i++) {
-        if (matches[i]) {
-            matched[count++] = i;
-        }
-    }
     if (verdict == RVAFT_UNKNOWN && m->error == 0 && count != 0 && scattered(m, e, matched, count)) {
         verdict = RVAFT_TRUE;
     }
 #else
-#if RVAFT_PROJECTS
+#if RVAFT_PROJECTS && RVAFT_ABSENCES
     if (late || !relevant(&m->error, e)) {
         if (m->ended) {
             rebuild(m, s);
@@ -933,105 +966,6 @@ static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
     return verdict;
 }
 
-#endif
-
-/* @begin */
-static void begin(rvaft_monitor *m) {
-    m->sweep_at = RVAFT_CAPACITY < 2 * FEW ? RVAFT_CAPACITY - RVAFT_CAPACITY / 8 : 2 * FEW;
-    m->now = 0;
-#if RVAFT_ABSENCES
-    m->ended = 0;
-#endif
-#if RVAFT_WAITS
-    m->earliest = INT64_MAX;
-#endif
-    clear_store(&m->stores[0]);
-    insert_starts(m, &m->stores[0]);
-}
-
-/* @step */
-/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
-    assigns *m;
-    ensures sound(m) && \result == outcome(m);
-    behavior final:
-        assumes outcome(m) != RVAFT_UNKNOWN;
-        assigns \nothing;
-        ensures \result == \old(outcome(m)); */
-static int step(rvaft_monitor *m, const rvaft_event *e) {
-#if !RVAFT_ABSENCES
-    uint8_t matches[RVAFT_PATTERNS];
-#endif
-    int late, verdict = RVAFT_UNKNOWN;
-    uint32_t i;
-    if (m->error != 0) {
-        return m->error;
-    }
-    if (m->verdict != RVAFT_UNKNOWN) {
-        return m->verdict;
-    }
-    /*@ loop invariant 0 <= i <= RVAFT_FIELDS;
-        loop assigns i, m->known[0 .. RVAFT_FIELDS - 1];
-        loop variant RVAFT_FIELDS - i; */
-    for (i = 0; i < RVAFT_FIELDS; i++) {
-        if (e->field[i].tag == RVAFT_BIG && e->field[i].text == NULL) { /* a double of more than 64 bits */
-            m->error = RVAFT_UNSUPPORTED;
-            return m->error;
-        }
-        m->known[i] = 0;
-    }
-    late = is_late(m, e);
-#if RVAFT_ABSENCES
-    verdict = follow(m, e, late);
-#else
-#if RVAFT_PROJECTS
-    if (late || !relevant(&m->error, e)) {
-        return decided(m, RVAFT_UNKNOWN);
-    }
-#endif
-#if RVAFT_SCATTERED
-    if (!late) {
-        uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0;
-        match(matches, e);
-        /*@ loop invariant 0 <= count <= i <= RVAFT_PATTERNS;
-            loop assigns i, count, matched[0 .. RVAFT_PATTERNS - 1];
-            loop variant RVAFT_PATTERNS - i; */
-        for (i = 0; i < RVAFT_PATTERNS; i++) {
-            if (matches[i]) {
-                matched[count++] = i;
-            }
-        }
-        if (count != 0 && scattered(m, e, matched, count)) {
-            verdict = RVAFT_TRUE;
-        }
-    }
-#else
-    if (late) {
-        /*@ loop invariant 0 <= i <= RVAFT_PATTERNS;
-            loop assigns i, matches[0 .. RVAFT_PATTERNS - 1];
-            loop variant RVAFT_PATTERNS - i; */
-        for (i = 0; i < RVAFT_PATTERNS; i++) {
-            matches[i] = 0;
-        }
-    } else {
-        match(matches, e);
-    }
-    if (replaced(m, e, matches)) {
-        verdict = RVAFT_TRUE;
-    }
-#if RVAFT_CONSECUTIVE
-    if (verdict == RVAFT_UNKNOWN && m->error == 0) {
-        insert_starts(m, &ROW(m->stores, m->now));
-    }
-#else
-    if (verdict == RVAFT_UNKNOWN && ROW(m->stores, m->now).count == 0) {
-        verdict = RVAFT_FALSE;
-    }
-#endif
-#endif
-#endif
-    return decided(m, verdict);
-}
-
 #if RVAFT_WAITS
 /* Whether a match is complete at the end of the trace. */
 static int is_whole(rvaft_monitor *m) {
@@ -1052,6 +986,20 @@ static int is_whole(rvaft_monitor *m) {
 /* Whether a match is complete after a time. */
 static int is_decided(rvaft_monitor *m, int64_t time) { return decide(m, &ROW(m->stores, m->now), time); }
 #endif
+
+/* @begin */
+static void begin(rvaft_monitor *m) {
+    m->sweep_at = RVAFT_CAPACITY < 2 * FEW ? RVAFT_CAPACITY - RVAFT_CAPACITY / 8 : 2 * FEW;
+    m->now = 0;
+#if RVAFT_ABSENCES
+    m->ended = 0;
+#endif
+#if RVAFT_WAITS
+    m->earliest = INT64_MAX;
+#endif
+    clear_store(&m->stores[0]);
+    insert_starts(m, &m->stores[0]);
+}
 
 /* @state */
 static uint32_t size_of_cell(const rvaft_monitor *m, const cell *c) {

@@ -193,7 +193,7 @@ static int add_span(rvaft_monitor *m, front *f, const span *made, int first, int
 static void trim_front(rvaft_monitor *m, front *f, int64_t latest, uint64_t limit, int ends) {
     while (f->head != f->tail) {
         const span *s = span_at(m, f->head), *next = span_at(m, s->next);
-        int over = ends && latest >= next->most && (uint64_t)latest - (uint64_t)next->most >= (uint64_t)RVAFT_LATE;
+        int over = ends && latest >= next->most && (uint64_t)latest - (uint64_t)next->most >= lateness();
         if (!over && !has_passed(latest, s->least, limit, 1)) {
             break;
         }
@@ -222,7 +222,7 @@ static void trim_ring(rvaft_monitor *m, ring *q, int64_t latest, uint64_t limit)
 static void forget_kept(kept *r) { memset(r, 0, sizeof *r); }
 
 /* Release what an instance keeps. */
-static void drop_kept(rvaft_monitor *m, kept *r) {
+RVAFT_UNUSED static void drop_kept(rvaft_monitor *m, kept *r) {
     uint32_t i;
     for (i = 0; i < RVAFT_FRONTS; i++) {
         drop_front(m, &r->fronts[i]);
@@ -278,6 +278,10 @@ static void begin_kept(rvaft_monitor *m) {
 
 /* Whether what is not needed should be removed: there are twice as many spans as after the last time. */
 static int is_crowded(const rvaft_monitor *m) { return m->spans.used > m->spans.sweep_at; }
+
+RVAFT_UNUSED static int has_little_room(const rvaft_monitor *m) {
+    return m->spans.used > RVAFT_CAPACITY - RVAFT_CAPACITY / 8;
+}
 
 static void set_crowded(rvaft_monitor *m) {
     uint32_t used = m->spans.used, free_spans = RVAFT_CAPACITY - used;
@@ -364,7 +368,7 @@ static const front *sibling(const kept *r, const node *n, uint32_t number) {
 
 /* Join one match with the last ones of the siblings, all of which end earlier: those that start last. */
 static void join_last(rvaft_monitor *m, const kept *r, const node *n, const node *gate, front *made, uint32_t need) {
-    uint32_t chosen[RVAFT_NEED], count = 0, i, at;
+    uint32_t chosen[RVAFT_NEED] = {0}, count = 0, i, at;
     for (i = 0; i < n->children; i++) {
         const front *f = sibling(r, n, i);
         const int64_t least = f == NULL ? 0 : span_at(m, f->tail)->least;

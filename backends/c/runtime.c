@@ -102,18 +102,32 @@ typedef struct key_state {
     int64_t latest;
     int has_latest;
     int verdict;
+    int found; /* whether it has detected */
     uint32_t era;
-    uint32_t next;
+    uint32_t next; /* in its bucket, or the next free one */
     uint32_t hash;
     uint32_t start; /* of its bytes */
     uint32_t size;
 } key_state;
 
+/* The keys, with those that are free. A number precedes the bytes of each key. */
 typedef struct key_table {
+    int64_t newest;  /* the greatest time of all keys */
+    int64_t horizon; /* an earlier event may need one of a forgotten key */
+    uint64_t forgotten;
+    uint64_t early; /* the keys that began with such an event */
+    uint64_t births;
+    int has_newest;
+    int lasts; /* whether no key is forgotten */
+    int full;
     uint32_t count;
-    uint32_t used; /* bytes */
+    uint32_t spare; /* the first free key, or NONE */
+    uint32_t kept;  /* the keys that are not free */
+    uint32_t used;  /* bytes */
     uint32_t head[RVAFT_KEYS];
     key_state item[RVAFT_KEYS];
+    uint64_t birth[RVAFT_KEYS]; /* how many keys began until then, or 0 if free */
+    uint8_t live[RVAFT_KEYS];   /* whether a later event can be in a match with one of the key */
     char bytes[RVAFT_KEY_BYTES];
 } key_table;
 #endif
@@ -127,6 +141,9 @@ typedef struct rvaft_monitor {
     int changed;  /* whether the last event changed the verdict */
 #if RVAFT_KEYED
     uint32_t key; /* of the last event, or NONE if it lacks a field */
+#if RVAFT_PLACES
+    uint64_t first_early; /* the number of the first event of a key that may need one of a forgotten key */
+#endif
     key_table keys;
 #endif
 /* @members */
@@ -976,6 +993,10 @@ RVAFT_UNUSED static uint32_t hash_bytes(uint64_t h, const char *text, uint32_t s
     return mixed(h);
 }
 
+#if RVAFT_KEYED
+static int forget_keys(rvaft_monitor *m, uint32_t most);
+#endif
+
 #if RVAFT_NAMED
 
 /* Interned texts: each text that is kept is stored once. */
@@ -1086,6 +1107,11 @@ static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, 
     }
     if (!has_room(t, v->size)) {
         collect_texts(m);
+#if RVAFT_KEYED
+        if (!has_room(t, v->size) && forget_keys(m, RVAFT_KEYS)) {
+            collect_texts(m);
+        }
+#endif
         if (!has_room(t, v->size)) {
             m->error = RVAFT_FULL;
             return NONE;
@@ -1150,6 +1176,9 @@ static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t fiel
 
 #endif
 
+/* How late events may be, or 0. */
+RVAFT_UNUSED static uint64_t lateness(void) { return RVAFT_LATE < 0 ? 0 : (uint64_t)RVAFT_LATE; }
+
 /* @events */
 /* @kept */
 /* @matches */
@@ -1194,6 +1223,7 @@ static void init_zeros(rvaft_monitor *m, uint64_t seed) {
 #endif
 #if RVAFT_KEYED
     m->key = NONE;
+    m->keys.spare = NONE;
     memset(m->keys.head, 0xFF, sizeof m->keys.head);
 #endif
     begin(m);
@@ -1256,10 +1286,12 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
 
 #if RVAFT_KEYED
 
-/* Append the bytes of a key; returns 0 if there is no room. */
+#define KEY_NUMBER ((uint32_t)sizeof(uint32_t))
+
+/* Append bytes of a key to those behind all keys; returns 0 if there is no room. */
 static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t more) {
     const char *bytes = from;
-    uint32_t at = t->used + *size, i;
+    uint32_t at = t->used + KEY_NUMBER + *size, i;
     for (i = 0; i < more && at < RVAFT_KEY_BYTES; i++, at++) {
         t->bytes[at] = bytes[i];
     }
@@ -1268,7 +1300,7 @@ static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t m
 }
 
 static uint32_t hash_key(const key_table *t, uint64_t h, uint32_t size) {
-    uint32_t at = t->used, i;
+    uint32_t at = t->used + KEY_NUMBER, i;
     for (i = 0; i < size && at < RVAFT_KEY_BYTES; i++, at++) {
         h = (h ^ (unsigned char)t->bytes[at]) * UINT64_C(0x100000001B3);
         h ^= h >> 29;
@@ -1278,7 +1310,7 @@ static uint32_t hash_key(const key_table *t, uint64_t h, uint32_t size) {
 
 /* Whether the bytes of a key are those behind all keys. */
 static int same_key(const key_table *t, const key_state *k) {
-    uint32_t at = t->used, own = k->start, i;
+    uint32_t at = t->used + KEY_NUMBER, own = k->start, i;
     for (i = 0; i < k->size && at < RVAFT_KEY_BYTES && own < RVAFT_KEY_BYTES; i++, at++, own++) {
         if (t->bytes[at] != t->bytes[own]) {
             return 0;
@@ -1287,11 +1319,11 @@ static int same_key(const key_table *t, const key_state *k) {
     return i == k->size;
 }
 
-/* The number of the key of an event, NONE if it lacks a field or is not finite, or an error in m->error.
-   Equal values of the key have equal bytes. */
-static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
+/* Append the values of a key of an event, of which equal ones have equal bytes. Returns their number, or NONE
+   if it lacks a field or is not finite, or with an error in m->error. */
+static uint32_t append_values(rvaft_monitor *m, const rvaft_event *e) {
     key_table *t = &m->keys;
-    uint32_t i, size = 0, hash, home;
+    uint32_t i, size = 0;
     for (i = 0; i < RVAFT_KEY_FIELDS; i++) {
         const rvaft_value *v = &e->field[key_fields[i][0]];
         char tag;
@@ -1318,26 +1350,138 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
             return NONE;
         }
     }
-    hash = hash_key(t, m->seed, size);
-    home = hash % RVAFT_KEYS;
-    for (i = t->head[home]; i < RVAFT_KEYS; i = t->item[i].next) {
+    return size;
+}
+
+/* Move the bytes of the keys that are live together. */
+static void gather_keys(key_table *t) {
+    uint32_t from = 0, to = 0, number, size;
+    while (from < t->used && from + KEY_NUMBER <= RVAFT_KEY_BYTES) {
+        memcpy(&number, t->bytes + from, sizeof number);
+        size = KEY_NUMBER + ROW(t->item, number).size;
+        if (ROW(t->live, number) && size <= RVAFT_KEY_BYTES - from) {
+            memmove(t->bytes + to, t->bytes + from, size);
+            ROW(t->item, number).start = to + KEY_NUMBER;
+            to += size;
+        }
+        from += size;
+    }
+    t->used = to;
+}
+
+/* Forget the keys that have detected nothing and of which no event matters any more, by the greatest time of all
+   keys and twice the lateness, if at most some keys are then left; returns whether it is so. */
+static int forget_keys(rvaft_monitor *m, uint32_t most) {
+    key_table *t = &m->keys;
+    uint32_t i, home, kept = 0;
+    const uint64_t before = t->forgotten;
+    int64_t horizon;
+    if (RVAFT_LATE < 0 || !t->has_newest || t->lasts) {
+        return 0;
+    }
+    memset(t->live, 0, sizeof t->live);
+    mark_keys(m);
+    for (i = 0; i < t->count && i < RVAFT_KEYS; i++) {
         const key_state *k = &t->item[i];
-        if (k->hash == hash && k->size == size && same_key(t, k)) {
-            return i;
+        t->live[i] = t->birth[i] != 0 && (t->live[i] || k->found || i == m->key);
+        kept += t->live[i];
+    }
+    if (kept > most) {
+        return 0;
+    }
+    gather_keys(t);
+    memset(t->head, 0xFF, sizeof t->head);
+    t->spare = NONE;
+    for (i = 0; i < t->count && i < RVAFT_KEYS; i++) {
+        key_state *k = &t->item[i];
+        if (t->live[i]) {
+            home = k->hash % RVAFT_KEYS;
+            k->next = t->head[home];
+            t->head[home] = i;
+        } else {
+            t->forgotten += t->birth[i] != 0;
+            t->birth[i] = 0;
+            k->era++;
+            k->has_latest = 0;
+            k->next = t->spare;
+            t->spare = i;
         }
     }
-    if (t->count >= RVAFT_KEYS) {
-        m->error = RVAFT_FULL;
+    horizon = t->newest < INT64_MIN + (int64_t)lateness() ? INT64_MIN : t->newest - (int64_t)lateness();
+    t->horizon = before == 0 || horizon > t->horizon ? horizon : t->horizon;
+    t->kept = kept;
+    return 1;
+}
+
+/* A new key of the values behind all keys, or NONE if there is no room. */
+static uint32_t new_key(rvaft_monitor *m, const rvaft_event *e, uint32_t size, uint32_t hash) {
+    key_table *t = &m->keys;
+    uint32_t i = t->spare, home = hash % RVAFT_KEYS;
+    key_state *k;
+    if (i < RVAFT_KEYS) {
+        t->spare = t->item[i].next;
+    } else if (t->count < RVAFT_KEYS) {
+        i = t->count++;
+    } else {
         return NONE;
     }
-    i = t->count++;
-    t->item[i].hash = hash;
-    t->item[i].size = size;
-    t->item[i].start = t->used;
-    t->item[i].next = t->head[home];
+    k = &t->item[i];
+    if (t->used <= RVAFT_KEY_BYTES - KEY_NUMBER) { /* always */
+        memcpy(t->bytes + t->used, &i, KEY_NUMBER);
+    }
+    k->latest = 0;
+    k->has_latest = 0;
+    k->verdict = RVAFT_UNKNOWN;
+    k->found = 0;
+    k->hash = hash;
+    k->size = size;
+    k->start = t->used + KEY_NUMBER;
+    k->next = t->head[home];
     t->head[home] = i;
-    t->used += size;
+    t->used += KEY_NUMBER + size;
+    t->kept++;
+    t->births++;
+    t->birth[i] = t->births;
+    if (t->forgotten != 0 && e->has_time && e->time < t->horizon) {
+        t->early++;
+#if RVAFT_PLACES
+        m->first_early = m->first_early != 0 ? m->first_early : e->at.number;
+#endif
+    }
     return i;
+}
+
+/* The number of the key of an event, or NONE if it has none, or with an error in m->error. */
+static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
+    key_table *t = &m->keys;
+    int again;
+    m->key = NONE;
+    for (again = 0; again < 2; again++) { /* the second time after keys were forgotten */
+        uint32_t size = append_values(m, e), hash, i;
+        if (size == NONE && m->error != RVAFT_FULL) {
+            return NONE;
+        }
+        if (size != NONE) {
+            hash = hash_key(t, m->seed, size);
+            for (i = t->head[hash % RVAFT_KEYS]; i < RVAFT_KEYS; i = t->item[i].next) {
+                const key_state *k = &t->item[i];
+                if (k->hash == hash && k->size == size && same_key(t, k)) {
+                    return i;
+                }
+            }
+            i = new_key(m, e, size, hash);
+            if (i < RVAFT_KEYS) {
+                return i;
+            }
+        }
+        m->error = 0;
+        if (!forget_keys(m, (uint32_t)((uint64_t)RVAFT_KEYS * 9 / 10))) {
+            break;
+        }
+    }
+    m->error = RVAFT_FULL;
+    t->full = 1;
+    return NONE;
 }
 
 /* Take over the state of the key of an event; 0 if it has none, or on an error. */
@@ -1361,6 +1505,11 @@ static void leave_key(rvaft_monitor *m) {
     k->has_latest = m->has_latest;
     k->era += m->verdict != k->verdict;
     k->verdict = m->verdict;
+    k->found |= m->verdict != RVAFT_UNKNOWN;
+    if (m->has_latest && (!m->keys.has_newest || m->keys.newest < m->latest)) {
+        m->keys.newest = m->latest;
+        m->keys.has_newest = 1;
+    }
 }
 
 #endif

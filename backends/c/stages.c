@@ -40,6 +40,7 @@ typedef struct past {
     uint32_t number; /* in all_remembered */
 #if RVAFT_KEYED
     uint32_t key;
+    uint32_t era;
 #endif
     int64_t latest;
     cell slot[RVAFT_PAST_WIDTH];
@@ -157,6 +158,16 @@ typedef struct remembered {
 #endif
 
 /* @marks */
+#if RVAFT_KEYED
+#define KEY_OF(p) ((p)->key)
+#define CURRENT_KEY(m) ((m)->key)
+#define is_void(m, p) ((p)->key < RVAFT_KEYS && (m)->keys.item[(p)->key].era != (p)->era)
+#else
+#define KEY_OF(p) NONE
+#define CURRENT_KEY(m) NONE
+#define is_void(m, p) 0
+#endif
+
 static const stage *stage_of(const partial *p) { return &ROW(stages, p->stage); }
 
 static const cell *slot_of(const partial *p, uint32_t n) { return &ROW(p->slot, n); }
@@ -167,14 +178,14 @@ static void mark_texts(rvaft_monitor *m) {
     for (s = 0; s < RVAFT_STORES; s++) {
         for (i = 0; i < m->stores[s].count && i < RVAFT_CAPACITY; i++) {
             const partial *p = &m->stores[s].item[i];
-            for (k = 0; k < stage_of(p)->slots; k++) {
+            for (k = 0; k < stage_of(p)->slots && !is_void(m, p); k++) {
                 mark_text(&m->texts, slot_of(p, k));
             }
         }
     }
 #if RVAFT_REMEMBERED
     for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
-        for (k = 0; k < RVAFT_PAST_WIDTH; k++) {
+        for (k = 0; k < RVAFT_PAST_WIDTH && !is_void(m, &m->past[i]); k++) {
             mark_text(&m->texts, &m->past[i].slot[k]);
         }
     }
@@ -198,18 +209,6 @@ static void clear_store(store *s) {
         s->epoch = 1;
     }
 }
-
-#if RVAFT_KEYED
-#define KEY_OF(p) ((p)->key)
-#define CURRENT_KEY(m) ((m)->key)
-static int is_void(const rvaft_monitor *m, const partial *p) {
-    return p->key < RVAFT_KEYS && m->keys.item[p->key].era != p->era;
-}
-#else
-#define KEY_OF(p) NONE
-#define CURRENT_KEY(m) NONE
-#define is_void(m, p) 0
-#endif
 
 #if RVAFT_ABSENCES
 #define IS_BROKEN(p) ((p)->ended != 0)
@@ -395,15 +394,10 @@ static int agrees(rvaft_monitor *m, const partial *p, const move *mv, const rvaf
 }
 
 #if RVAFT_REMEMBERED
-static int has_expired(const rvaft_monitor *m, const past *one) {
+static int has_expired(int64_t latest, uint64_t latenesses, const past *one) {
     int64_t most = ROW(all_remembered, one->number).most;
-#if RVAFT_KEYED
-    int64_t latest = ROW(m->keys.item, one->key).latest;
-#else
-    int64_t latest = m->latest;
-#endif
     return RVAFT_LATE >= 0 && most >= 0 && latest > one->latest &&
-           (uint64_t)latest - (uint64_t)one->latest > (uint64_t)most + (uint64_t)RVAFT_LATE;
+           (uint64_t)latest - (uint64_t)one->latest > (uint64_t)most + latenesses * lateness();
 }
 
 static uint64_t past_hash(uint32_t number) { return ((uint64_t)number + 1) * UINT64_C(0x9E3779B97F4A7C15); }
@@ -418,7 +412,12 @@ static void forget_past(rvaft_monitor *m) {
     uint32_t i, k, kept = 0;
     memset(m->past_head, 0, sizeof m->past_head);
     for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
-        if (!has_expired(m, &m->past[i])) {
+#if RVAFT_KEYED
+        int64_t latest = ROW(m->keys.item, m->past[i].key).latest;
+#else
+        int64_t latest = m->latest;
+#endif
+        if (!has_expired(latest, 1, &m->past[i]) && !is_void(m, &m->past[i])) {
             past moved = m->past[i];
             uint64_t h = past_hash(moved.number);
             uint32_t *head, joined = ROW(all_remembered, moved.number).joined;
@@ -454,6 +453,7 @@ static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number)
     made.latest = e->has_time ? e->time : 0;
 #if RVAFT_KEYED
     made.key = m->key;
+    made.era = ROW(m->keys.item, m->key).era;
 #endif
     for (k = 0; k < r->fields && k < RVAFT_PAST_WIDTH; k++) {
         made.slot[k] = *cell_of(m, e, ROW(link_slots, r->field + k), 1);
@@ -472,7 +472,7 @@ static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number)
         past *other = &m->past[at - 1];
         int equal = other->number == number;
 #if RVAFT_KEYED
-        equal = equal && other->key == m->key;
+        equal = equal && other->key == m->key && !is_void(m, other);
 #endif
         for (k = 0; equal && k < r->fields && k < RVAFT_PAST_WIDTH; k++) {
             equal = same_cell(&made.slot[k], &other->slot[k]);
@@ -518,7 +518,7 @@ static int has_come(rvaft_monitor *m, const recall *r, const partial *p, const r
         const past *one = &m->past[at - 1];
         int equal = one->number == r->number;
 #if RVAFT_KEYED
-        equal = equal && one->key == m->key;
+        equal = equal && one->key == m->key && !is_void(m, one);
 #endif
         for (k = 0; equal && k < kind->joined && k < RVAFT_PAST_WIDTH; k++) {
             equal = wanted[k] != NULL && same_cell(&one->slot[k], wanted[k]);
@@ -604,36 +604,57 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
 #if RVAFT_SCATTERED
 
 #if RVAFT_EXPIRIES
-static int expired(const rvaft_monitor *m, const partial *p) {
+/* Whether no later event can complete a partial match in time, by the greatest time so far. */
+static int expired(int64_t latest, uint64_t latenesses, const partial *p) {
     const stage *st = stage_of(p);
     uint32_t i;
     for (i = 0; i < st->expires; i++) {
         const expiry *x = &ROW(expiries, st->expiry + i);
         int64_t from = slot_of(p, x->slot)->bits;
-#if RVAFT_KEYED
-        int64_t latest = ROW(m->keys.item, p->key).latest; /* with slots it has a key */
-#else
-        int64_t latest = m->latest;
-#endif
-        if (latest > from && (uint64_t)latest - (uint64_t)from > (uint64_t)x->most + (uint64_t)RVAFT_LATE) {
+        if (latest > from && (uint64_t)latest - (uint64_t)from > (uint64_t)x->most + latenesses * lateness()) {
             return 1;
         }
     }
     return 0;
 }
+#else
+#define expired(latest, latenesses, p) 0
 #endif
 
-/* Remove the partial matches that no further event can complete in time, and adapt the number of
-   buckets; again when there are twice as many, so that the work per event stays bounded. */
-static void sweep(rvaft_monitor *m, store *s) {
+#if RVAFT_KEYED
+/* Mark the keys with a partial match, or an event that may not come before one, that still matters by the
+   greatest time of all keys. */
+static void mark_keys(rvaft_monitor *m) {
+    const store *s = &m->stores[0];
+    uint32_t i;
+    for (i = 0; i < s->count && i < RVAFT_CAPACITY; i++) {
+        const partial *p = &s->item[i];
+        if (p->key < RVAFT_KEYS && !is_void(m, p) && !IS_BROKEN(p) && !expired(m->keys.newest, 2, p)) {
+            m->keys.live[p->key] = 1;
+        }
+    }
+#if RVAFT_REMEMBERED
+    for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
+        if (!is_void(m, &m->past[i]) && !has_expired(m->keys.newest, 2, &m->past[i])) {
+            ROW(m->keys.live, m->past[i].key) = 1;
+        }
+    }
+#endif
+}
+#endif
+
+/* Remove the partial matches that no further event can complete; returns how many are left. */
+static uint32_t drop_partials(rvaft_monitor *m, store *s) {
     uint32_t i, kept = 0, count = s->count;
     for (i = 0; i < count && i < RVAFT_CAPACITY; i++) {
-#if RVAFT_EXPIRIES
-        if (m->has_latest && expired(m, &s->item[i])) {
-            continue;
-        }
+        const partial *p = &s->item[i];
+#if RVAFT_KEYED
+        const int64_t latest = ROW(m->keys.item, p->key).latest; /* with slots it has a key */
+#else
+        const int64_t latest = m->latest;
 #endif
-        if (is_void(m, &s->item[i]) || IS_BROKEN(&s->item[i])) {
+        (void)latest;
+        if ((m->has_latest && expired(latest, 1, p)) || is_void(m, p) || IS_BROKEN(p)) {
             continue;
         }
         if (kept < i) {
@@ -642,6 +663,20 @@ static void sweep(rvaft_monitor *m, store *s) {
         }
         kept++;
     }
+    s->count = kept;
+    return kept;
+}
+
+/* Remove the partial matches that no further event can complete in time, and adapt the number of
+   buckets; again when there are twice as many, so that the work per event stays bounded. Keys are
+   forgotten rather than that there is no room. */
+static void sweep(rvaft_monitor *m, store *s) {
+    uint32_t i, kept = drop_partials(m, s);
+#if RVAFT_KEYED
+    if (kept > RVAFT_CAPACITY - RVAFT_CAPACITY / 8 && forget_keys(m, RVAFT_KEYS)) {
+        kept = drop_partials(m, s);
+    }
+#endif
     while (s->mask < RVAFT_BUCKETS - 1 && s->mask < 4 * kept) {
         s->mask = s->mask * 2 + 1;
     }

@@ -106,7 +106,7 @@ static void forget_kept(kept *r) {
 }
 
 /* Release what an instance keeps. */
-static void drop_kept(rvaft_monitor *m, kept *r) {
+RVAFT_UNUSED static void drop_kept(rvaft_monitor *m, kept *r) {
 #if RVAFT_PLACES
     uint32_t i;
     for (i = 0; i < RVAFT_STARTS; i++) {
@@ -122,6 +122,7 @@ static void drop_kept(rvaft_monitor *m, kept *r) {
 
 #define begin_kept(m) (void)(m)
 #define is_crowded(m) 0
+#define has_little_room(m) 0
 #define set_crowded(m) (void)(m)
 #define trim_kept(m, r, number, latest) (void)(r)
 

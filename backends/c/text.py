@@ -19,6 +19,8 @@ from rvaft.model.verdict import Semantics
 
 _KEYS: Final = 1024
 """The default number of values of a key."""
+_KEY_BYTES: Final = 68
+"""The default number of bytes for each value of a key."""
 _FILES: Final = ("runtime.c", "json.c", "program.c")
 _SECTION: Final = re.compile(r"^/\* @(\w+) \*/\n", re.MULTILINE)
 _INDENT: Final = "   "
@@ -195,8 +197,9 @@ class Writer(ABC):
         fields = max(1, len(self._fields.paths))
         made = [LONG, LONG, times(WORD, 4)]
         if self._key:
-            state = laid_out(LONG, times(WORD, 7))
-            made += [WORD, laid_out(WORD, WORD, times(WORD, _KEYS), times(state, _KEYS), times(BYTE, 64 * _KEYS))]
+            state = laid_out(LONG, times(WORD, 8))
+            table = times(WORD, _KEYS), times(state, _KEYS), times(LONG, _KEYS), times(BYTE, (1 + _KEY_BYTES) * _KEYS)
+            made += [WORD, laid_out(times(LONG, 5), times(WORD, 7), *table)]
         made += self._members()
         if self._named:
             number = self._texts * self._capacity or 1
@@ -217,7 +220,7 @@ class Writer(ABC):
             defaults = {**texts, **defaults}
         defaults = {**capacity, **defaults}
         if self._key:
-            defaults |= {"KEYS": _KEYS, "KEY_BYTES": "(64U * RVAFT_KEYS)"}
+            defaults |= {"KEYS": _KEYS, "KEY_BYTES": f"({_KEY_BYTES}U * RVAFT_KEYS)"}
         defaults["API"] = ""
         fixed = {
             **self._sizes(),

@@ -114,7 +114,7 @@ static void mark_texts(rvaft_monitor *m) {
 /* @events */
 /* Whether a time is before the least time of later events by more than a duration, after some latenesses. */
 RVAFT_UNUSED static int has_passed(int64_t latest, int64_t time, uint64_t within, uint64_t latenesses) {
-    uint64_t since = (uint64_t)latest - (uint64_t)time, late = RVAFT_LATE < 0 ? 0 : latenesses * (uint64_t)RVAFT_LATE;
+    uint64_t since = (uint64_t)latest - (uint64_t)time, late = latenesses * lateness();
     return RVAFT_LATE >= 0 && latest > time && since > late && since - late > within;
 }
 
@@ -284,9 +284,25 @@ static void link_instance(instance_table *t, uint32_t number) {
     *home = number + 1;
 }
 
-/* Remove the instances that are over, and adapt the number of buckets; again when there are twice as
-   many, so that the work per event stays bounded. */
-static void sweep(rvaft_monitor *m) {
+#if RVAFT_KEYED
+/* Mark the keys with an instance of which an event may still be in a match, by the greatest time of all keys. */
+static void mark_keys(rvaft_monitor *m) {
+    uint32_t i;
+    for (i = 0; i < m->instances.count && i < RVAFT_INSTANCES; i++) {
+        const instance *r = &m->instances.item[i];
+        int live = r->kind != NONE && !is_void(m, r);
+#if RVAFT_EXPIRIES
+        live = live && !has_passed(m->keys.newest, r->latest, kind_of(r)->within, 2);
+#endif
+        if (live) {
+            ROW(m->keys.live, r->key) = 1;
+        }
+    }
+}
+#endif
+
+/* Remove the instances that are over. */
+static void drop_instances(rvaft_monitor *m) {
     instance_table *t = &m->instances;
     uint32_t i;
     for (i = 0; i < t->count && i < RVAFT_INSTANCES; i++) {
@@ -301,6 +317,19 @@ static void sweep(rvaft_monitor *m) {
             trim_kept(m, &r->kept, r->kind, log_of(m, r)->latest);
         }
     }
+}
+
+/* Remove the instances that are over, and adapt the number of buckets; again when there are twice as
+   many, so that the work per event stays bounded. Keys are forgotten rather than that there is no room. */
+static void sweep(rvaft_monitor *m) {
+    instance_table *t = &m->instances;
+    uint32_t i;
+    drop_instances(m);
+#if RVAFT_KEYED
+    if ((t->used > RVAFT_INSTANCES - RVAFT_INSTANCES / 8 || has_little_room(m)) && forget_keys(m, RVAFT_KEYS)) {
+        drop_instances(m);
+    }
+#endif
     while (t->mask < RVAFT_BUCKETS - 1 && t->mask < 4 * t->used) {
         t->mask = t->mask * 2 + 1;
     }

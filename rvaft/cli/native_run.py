@@ -11,6 +11,7 @@ from copy import copy
 from dataclasses import replace
 from io import BufferedIOBase, RawIOBase
 from itertools import islice
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, BinaryIO, ClassVar, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
@@ -37,6 +38,7 @@ from rvaft.readers.log import BOM, LogReader
 from rvaft.stream.keys import Key
 from rvaft.stream.listeners import EventBuffer
 from rvaft.stream.plan import TIME, MonitoringPlan
+from rvaft.stream.run import TraceRun
 from rvaft.stream.whole_log import Declined, EventCount, LogAnswer, Place, QueryEngine
 from rvaft.support.files import SUFFIXES as COMPRESSED
 
@@ -84,6 +86,10 @@ class CompiledLog(Protocol):
     def key_counts(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
         """Yield the number of events of each key and the place of the first one, then of those without a key."""
 
+    @property
+    def forgotten_keys(self) -> tuple[int, int, int]:
+        """How many keys were forgotten, how many began too early after that, and the first event of these, or 0."""
+
     def close(self) -> None:
         """Release the memory of the monitor."""
 
@@ -108,8 +114,10 @@ class Compiling(Protocol):
     def program(self, text: str, warn: Callable[[str], object]) -> AbstractContextManager[Path]:
         """Yield a compiled program, which may be removed once it runs."""
 
-    def native_log(self, text: str, *, keys: int, repeat: bool, warn: Callable[[str], object]) -> CompiledLog:
-        """Return a new monitor of one log."""
+    def native_log(
+        self, text: str, *, keys: int, repeat: bool, forgets: bool, warn: Callable[[str], object]
+    ) -> CompiledLog:
+        """Return a new monitor of one log, which forgets keys only with `forgets`."""
 
 
 def compiling() -> Compiling:
@@ -216,15 +224,15 @@ class NativeRun:
         """The buffer to which the events of matches are added."""
 
     @contextmanager
-    def trace(self, name: str, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
+    def trace(self, name: str, file: Path | None, stream: BinaryIO, run: TraceRun) -> Iterator[BinaryIO]:
         """Yield the stream to read the trace `name` from; `file` has the same bytes, or is None.
 
-        Matched events are read from the file, or from a temporary copy of the stream, into the buffer.
+        Matched events are read from the file, or from a temporary copy of the stream, into the buffer of the run.
         """
-        self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
+        self._log = self._new_log(forgets=run.may_forget_keys)
         self._found.clear()
         self._name = name
-        self.buffer = buffer
+        self.buffer = run.buffer
         with ExitStack() as stack:
             stack.callback(self._log.close)
             if file is None:
@@ -233,6 +241,8 @@ class NativeRun:
             else:
                 self._copy = stack.enter_context(file.open("rb"))
                 yield cast("BinaryIO", _Fed(stream, self._feed, stack.enter_context(ThreadPoolExecutor(1))))
+            if run.keys is not None:
+                run.keys.note_forgotten(self._log.forgotten_keys)
             if self._log.failure is not None:
                 raise self._named(self._log.failure)
         if self._found:
@@ -253,7 +263,7 @@ class NativeRun:
 
     def answer(self, path: Path) -> "NativeAnswer":
         """Return what the compiled monitor finds in a file; raises `Declined` where it may not know all."""
-        log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
+        log = self._new_log(forgets=True)
         with ExitStack() as stack:
             stack.callback(log.close)
             self._log, self._name = log, str(path)
@@ -264,6 +274,11 @@ class NativeRun:
                 raise Declined(log.declined or str(log.failure))
             self._copy = stack.enter_context(path.open("rb"))
             return NativeAnswer(self, log, self._copy, self._found, stack.pop_all())
+
+    def _new_log(self, *, forgets: bool) -> CompiledLog:
+        return self._backend.native_log(
+            self._text, keys=self._keys, repeat=self._repeat, forgets=forgets, warn=warn
+        )
 
     def _feed(self, data: bytes) -> None:
         assert self._log is not None, "the trace has begun"
@@ -341,6 +356,7 @@ class NativeAnswer(LogAnswer):
         *keys, (keyless, first) = [(total, self._noted([place])) for total, place in log.key_counts()]
         self.keys = [EventCount(total, places) for total, places in keys]
         self.keyless = EventCount(keyless, first) if keyless and run.keyed else None
+        self.forgotten = log.forgotten_keys
         self.noted = ()
         self.selected = sorted(found)
 
@@ -394,6 +410,11 @@ class NativeMatches(Strategy):
     def fork(self) -> Self:
         """Return a copy, which reads the same run."""
         return copy(self)
+
+    @property
+    def until(self) -> float:
+        """-infinite: the compiled monitor has the partial matches, and decides which keys it forgets."""
+        return -inf
 
     @property
     def state(self) -> Hashable:

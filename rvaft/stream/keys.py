@@ -105,6 +105,7 @@ class KeyedTraces:
         self._begin = begin
         self._forgets = forgets
         self.forgotten = self.early = self.first_early = 0
+        self._remedy = "--max-keys N keeps more"
         self._horizon: float = -inf
         """A time before which an event may need one of a forgotten value."""
         self._traces: dict[Hashable, MonitoredTrace] = {}
@@ -180,6 +181,11 @@ class KeyedTraces:
             self.early += 1
             self.first_early = self.first_early or number
 
+    def note_forgotten(self, numbers: tuple[int, int, int]) -> None:
+        """Replace the counts by those of a compiled monitor: keys forgotten, early ones, the first event of these."""
+        self.forgotten, self.early, self.first_early = numbers
+        self._remedy = "a greater --max-keys, or a run without --native, may keep more"
+
     @property
     def state(self) -> tuple[int, ...]:
         """What is known besides the traces, for `resume`."""
@@ -196,8 +202,8 @@ class KeyedTraces:
         """The warnings about events without the key and about forgotten values, if any."""
         names = " and ".join(field.text for field in self.key.fields)
         if self.forgotten:
-            what = "that detected nothing and whose windows had passed were forgotten; --max-keys N keeps more"
-            yield f"{self.forgotten:,} values of {names} {what}"
+            what = "that detected nothing and whose windows had passed were forgotten"
+            yield f"{self.forgotten:,} values of {names} {what}; {self._remedy}"
         if self.early:
             why = "such an event may need one of a value that was forgotten"
             yield (

@@ -50,7 +50,7 @@ class LogAnswer(ABC):
 
     `groups` match the same patterns and guards, and have the numbers of the `FIRST` events. `keys` are
     the events of each key in order of first occurrence, and `keyless` those without a key, each with
-    the first number. `selected` are the numbers of the events that a match may have, in order; the
+    the first number; `forgotten` are those that it forgot (see `KeyedTraces.note_forgotten`). `selected` are the numbers of the events that a match may have, in order; the
     monitors need no other. `noted` are the first events with different values in discriminating fields.
     """
 
@@ -58,6 +58,7 @@ class LogAnswer(ABC):
     groups: Sequence[EventCount]
     keys: Sequence[EventCount]
     keyless: EventCount | None
+    forgotten: tuple[int, int, int] = (0, 0, 0)
     noted: Sequence[int]
     selected: Iterable[int]
 
@@ -120,6 +121,8 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
     plan, types = run.plan, run.plan.monitors.types
     if len(answer.keys) > plan.max_keys:
         raise Declined(f"more than {plan.max_keys} keys")
+    if answer.forgotten[0] and not run.may_forget_keys:
+        raise Declined("keys were forgotten")
     firsts = [group.first[0] for group in answer.keys]
     wanted = sorted({number for group in answer.groups for number in group.first} | {*answer.noted, *firsts})
     events = {number: event for number, _, event in answer.events(wanted, plan.reads)}
@@ -174,6 +177,8 @@ def read(run: TraceRun, answer: LogAnswer) -> Iterator[bool]:
             if watch is run.watch and not watch.monitors.live:
                 break
         yield True
+    if keys is not None and answer.forgotten[0]:
+        keys.note_forgotten(answer.forgotten)
     run.number = run.watch.events = answer.total
     unchanged.notify(answer.total + 1)
     run.notify_unchanged(answer.total)

@@ -112,12 +112,11 @@ typedef struct key_state {
 
 /* The keys, with those that are free. A number precedes the bytes of each key. */
 typedef struct key_table {
-    int64_t newest;  /* the greatest time of all keys */
+    int64_t newest;  /* the greatest time of all keys, while keys are forgotten */
     int64_t horizon; /* an earlier event may need one of a forgotten key */
     uint64_t forgotten;
     uint64_t early; /* the keys that began with such an event */
     uint64_t births;
-    int has_newest;
     int lasts; /* whether no key is forgotten */
     int full;
     uint32_t count;
@@ -1376,7 +1375,18 @@ static int forget_keys(rvaft_monitor *m, uint32_t most) {
     uint32_t i, home, kept = 0;
     const uint64_t before = t->forgotten;
     int64_t horizon;
-    if (RVAFT_LATE < 0 || !t->has_newest || t->lasts) {
+    int some = 0;
+    if (RVAFT_LATE < 0 || t->lasts) {
+        return 0;
+    }
+    for (i = 0; i < t->count && i < RVAFT_KEYS; i++) {
+        const key_state *k = &t->item[i];
+        if (t->birth[i] != 0 && k->has_latest && (!some || t->newest < k->latest)) {
+            t->newest = k->latest;
+            some = 1;
+        }
+    }
+    if (!some) {
         return 0;
     }
     memset(t->live, 0, sizeof t->live);
@@ -1506,10 +1516,6 @@ static void leave_key(rvaft_monitor *m) {
     k->era += m->verdict != k->verdict;
     k->verdict = m->verdict;
     k->found |= m->verdict != RVAFT_UNKNOWN;
-    if (m->has_latest && (!m->keys.has_newest || m->keys.newest < m->latest)) {
-        m->keys.newest = m->latest;
-        m->keys.has_newest = 1;
-    }
 }
 
 #endif

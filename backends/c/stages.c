@@ -654,6 +654,7 @@ static uint32_t drop_partials(rvaft_monitor *m, store *s) {
         const int64_t latest = m->latest;
 #endif
         (void)latest;
+        (void)p;
         if ((m->has_latest && expired(latest, 1, p)) || is_void(m, p) || IS_BROKEN(p)) {
             continue;
         }

@@ -199,7 +199,7 @@ class Writer(ABC):
         if self._key:
             state = laid_out(LONG, times(WORD, 8))
             table = times(WORD, _KEYS), times(state, _KEYS), times(LONG, _KEYS), times(BYTE, (1 + _KEY_BYTES) * _KEYS)
-            made += [WORD, laid_out(times(LONG, 5), times(WORD, 7), *table)]
+            made += [WORD, laid_out(times(LONG, 5), times(WORD, 6), *table)]
         made += self._members()
         if self._named:
             number = self._texts * self._capacity or 1

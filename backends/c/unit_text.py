@@ -48,7 +48,7 @@ class UnitWriter(Writer):
         made = (
             rows("node", "nodes", self._found.nodes, self._found.names),
             rows("leaf", "leaves", leaves, (one.leaf.source for one in self._found.leaves)),
-            array("kind", "kinds", [*kinds]),
+            array("kind", "kinds", [*kinds]) if self._named or not self._found.fronts else "",
             array("uint32_t", "names", names or ["0"]) if self._named else "",
             self._key_fields(),
         )

@@ -233,6 +233,8 @@ class NativeRun:
         self._found.clear()
         self._name = name
         self.buffer = run.buffer
+        if run.keys is not None:
+            run.keys.follows_native = True
         with ExitStack() as stack:
             stack.callback(self._log.close)
             if file is None:

@@ -105,7 +105,8 @@ class KeyedTraces:
         self._begin = begin
         self._forgets = forgets
         self.forgotten = self.early = self.first_early = 0
-        self._remedy = "--max-keys N keeps more"
+        self.follows_native = False
+        """Whether a compiled monitor has the partial matches, and decides which values it forgets."""
         self._horizon: float = -inf
         """A time before which an event may need one of a forgotten value."""
         self._traces: dict[Hashable, MonitoredTrace] = {}
@@ -167,6 +168,11 @@ class KeyedTraces:
         kept = {name: trace for name, trace in traces if trace.monitors.until >= horizon - time.late}
         if len(kept) > self._most * 9 // 10:
             return
+        if self.follows_native:  # it has the partial matches: those of the latest events are kept for their counts
+            latest = sorted(known)[len(known) // 4]
+            pairs = zip(traces, times, strict=True)
+            kept |= {name: trace for (name, trace), one in pairs if one is not None and one > latest}
+            kept = {name: trace for name, trace in traces if name in kept}
         self.forgotten += len(self._traces) - len(kept)
         self._horizon = max(self._horizon, horizon)
         self._traces = kept
@@ -184,7 +190,7 @@ class KeyedTraces:
     def note_forgotten(self, numbers: tuple[int, int, int]) -> None:
         """Replace the counts by those of a compiled monitor: keys forgotten, early ones, the first event of these."""
         self.forgotten, self.early, self.first_early = numbers
-        self._remedy = "a greater --max-keys, or a run without --native, may keep more"
+        self.follows_native = True
 
     @property
     def state(self) -> tuple[int, ...]:
@@ -203,7 +209,8 @@ class KeyedTraces:
         names = " and ".join(field.text for field in self.key.fields)
         if self.forgotten:
             what = "that detected nothing and whose windows had passed were forgotten"
-            yield f"{self.forgotten:,} values of {names} {what}; {self._remedy}"
+            remedy = "a greater --max-keys, or a run without --native, may keep more"
+            yield f"{self.forgotten:,} values of {names} {what}; {remedy if self.follows_native else '--max-keys N keeps more'}"
         if self.early:
             why = "such an event may need one of a value that was forgotten"
             yield (

@@ -1289,33 +1289,20 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
 
 /* Append bytes of a key to those behind all keys; returns 0 if there is no room. */
 static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t more) {
-    const char *bytes = from;
-    uint32_t at = t->used + KEY_NUMBER + *size, i;
-    for (i = 0; i < more && at < RVAFT_KEY_BYTES; i++, at++) {
-        t->bytes[at] = bytes[i];
+    uint32_t at = t->used + KEY_NUMBER + *size;
+    if (at > RVAFT_KEY_BYTES || more > RVAFT_KEY_BYTES - at) {
+        return 0;
     }
-    *size += i;
-    return i == more;
+    memcpy(t->bytes + at, from, more);
+    *size += more;
+    return 1;
 }
 
-static uint32_t hash_key(const key_table *t, uint64_t h, uint32_t size) {
-    uint32_t at = t->used + KEY_NUMBER, i;
-    for (i = 0; i < size && at < RVAFT_KEY_BYTES; i++, at++) {
-        h = (h ^ (unsigned char)t->bytes[at]) * UINT64_C(0x100000001B3);
-        h ^= h >> 29;
-    }
-    return mixed(h ^ size);
-}
-
-/* Whether the bytes of a key are those behind all keys. */
+/* Whether the bytes of a key are those behind all keys, which have its size. */
 static int same_key(const key_table *t, const key_state *k) {
-    uint32_t at = t->used + KEY_NUMBER, own = k->start, i;
-    for (i = 0; i < k->size && at < RVAFT_KEY_BYTES && own < RVAFT_KEY_BYTES; i++, at++, own++) {
-        if (t->bytes[at] != t->bytes[own]) {
-            return 0;
-        }
-    }
-    return i == k->size;
+    uint32_t at = t->used + KEY_NUMBER;
+    return at <= RVAFT_KEY_BYTES && k->size <= RVAFT_KEY_BYTES - at && k->start <= RVAFT_KEY_BYTES - k->size &&
+           memcmp(t->bytes + at, t->bytes + k->start, k->size) == 0;
 }
 
 /* Append the values of a key of an event, of which equal ones have equal bytes. Returns their number, or NONE
@@ -1471,8 +1458,8 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
         if (size == NONE && m->error != RVAFT_FULL) {
             return NONE;
         }
-        if (size != NONE) {
-            hash = hash_key(t, m->seed, size);
+        if (size != NONE && t->used <= RVAFT_KEY_BYTES - KEY_NUMBER - size) {
+            hash = hash_bytes(m->seed, t->bytes + t->used + KEY_NUMBER, size);
             for (i = t->head[hash % RVAFT_KEYS]; i < RVAFT_KEYS; i = t->item[i].next) {
                 const key_state *k = &t->item[i];
                 if (k->hash == hash && k->size == size && same_key(t, k)) {

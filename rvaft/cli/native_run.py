@@ -7,7 +7,6 @@ before the block is read, and `NativeMatches` detects at the events that the com
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from copy import copy
 from dataclasses import replace
 from io import BufferedIOBase, RawIOBase
 from itertools import islice
@@ -32,7 +31,7 @@ from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, JsonObject, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Explanation, Pending
+from rvaft.monitors import Explanation, Pending, twin
 from rvaft.readers.json_lines import decode, event_on
 from rvaft.readers.log import BOM, LogReader
 from rvaft.stream.keys import Key
@@ -411,7 +410,7 @@ class NativeMatches(Strategy):
 
     def fork(self) -> Self:
         """Return a copy, which reads the same run."""
-        return copy(self)
+        return twin(self)
 
     @property
     def until(self) -> float:

@@ -20,6 +20,7 @@ from rvaft.stream.listeners import EventBuffer, MonitoredTrace, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import LOOKED_AT, Statistics
+from rvaft.support.collector import no_collections
 from rvaft.support.plugins import entry_points
 
 GROUP: Final = "rvaft.engines"
@@ -195,9 +196,10 @@ class _Unchanged:
         self._places = iter(() if keys is None or not self._each else answer.of_keys())
         self._place = next(self._places, None)
         counts = {group.first[0]: group.total for group in answer.keys}
-        for number, _, event in answer.events(counts, run.plan.reads) if keys is not None else ():
-            if keys is not None and (watch := keys.of(event, number)) is not None:
-                self._watches[number], watch.events = watch, counts[number]
+        with no_collections():
+            for number, _, event in answer.events(counts, run.plan.reads) if keys is not None else ():
+                if keys is not None and (watch := keys.of(event, number)) is not None:
+                    self._watches[number], watch.events = watch, counts[number]
         if keys is not None and answer.keyless is not None:
             keys.lacking, (keys.first_lacking, *_) = answer.keyless
 

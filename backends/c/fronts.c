@@ -157,9 +157,9 @@ static int is_longer(int64_t from, int64_t to, uint64_t limit) {
 }
 
 /* Add a copy of a match to a front unless another one lies within it, and remove those that it lies within;
-   returns whether it is added. With `first`, one that begins at a lower number replaces none, and with
+   returns its number, or 0 if it is not added. With `first`, one that begins at a lower number replaces none, and with
    `last`, none is replaced, as an earlier one has the lower last number. */
-static int add_span(rvaft_monitor *m, front *f, const span *made, int first, int last) {
+static uint32_t add_span(rvaft_monitor *m, front *f, const span *made, int first, int last) {
     uint32_t from = 0, before = f->tail, at; /* the first that starts as late, and the one before it */
     while (before != 0 && span_at(m, before)->least >= made->least) {
         from = before;
@@ -185,7 +185,7 @@ static int add_span(rvaft_monitor *m, front *f, const span *made, int first, int
             before = earlier;
         }
     }
-    return copy_span(m, f, before, made) != 0;
+    return copy_span(m, f, before, made);
 }
 
 /* Remove the matches of a front that start too early for later events. Of those that end before any later
@@ -291,24 +291,38 @@ static void set_crowded(rvaft_monitor *m) {
 /* @steps */
 /* Joins. */
 
+/* Extend a match by the events of another one, but not by their places. */
+static void extend(span *s, const span *other) {
+    s->least = other->least < s->least ? other->least : s->least;
+    s->most = other->most > s->most ? other->most : s->most;
+    s->first = other->first < s->first ? other->first : s->first;
+    s->last = other->last > s->last ? other->last : s->last;
+}
+
+#if RVAFT_PLACES
+/* Add the places of another match to those of a span. */
+static void add_places(rvaft_monitor *m, uint32_t number, uint32_t events) {
+    span *s = span_at(m, number);
+    uint32_t all = joined_events(m, events, s->events);
+    release_events(m, s->events);
+    s->events = all;
+}
+#endif
+
 /* Join two matches within a duration, and add the whole to a front. */
 static void add_joined(rvaft_monitor *m, front *to, const span *s, const span *other, uint64_t limit, int first) {
     span made = *s;
-    made.least = other->least < s->least ? other->least : s->least;
-    made.most = other->most > s->most ? other->most : s->most;
-    made.first = other->first < s->first ? other->first : s->first;
-    made.last = other->last > s->last ? other->last : s->last;
+    uint32_t number;
+    extend(&made, other);
     if (limit == UINT64_MAX ? to->head != 0 : is_longer(made.least, made.most, limit)) {
         return;
     }
+    number = add_span(m, to, &made, first, 0);
+    (void)number;
 #if RVAFT_PLACES
-    made.events = joined_events(m, other->events, s->events);
-#endif
-    if (m->error == 0) {
-        (void)add_span(m, to, &made, first, 0);
+    if (number != 0) {
+        add_places(m, number, other->events);
     }
-#if RVAFT_PLACES
-    release_events(m, made.events);
 #endif
 }
 
@@ -366,40 +380,64 @@ static const front *sibling(const kept *r, const node *n, uint32_t number) {
     return n->beside + number == n->place || f->head == 0 ? NULL : f;
 }
 
-/* Join one match with the last ones of the siblings, all of which end earlier: those that start last. */
-static void join_last(rvaft_monitor *m, const kept *r, const node *n, const node *gate, front *made, uint32_t need) {
-    uint32_t chosen[RVAFT_NEED] = {0}, count = 0, i, at;
+/* Join a match with matches of as many siblings as are needed: for each time by which the whole may end, the latest
+   first, those that start last. Only its times matter. */
+static void join_best(rvaft_monitor *m, const kept *r, const node *n, const node *gate, front *to, const span *s) {
+    const uint32_t need = n->need - 1;
+    uint32_t cursor[RVAFT_SIBLINGS] = {0}, chosen[RVAFT_NEED] = {0}, count = need, end = 0, i, at, number;
     for (i = 0; i < n->children; i++) {
         const front *f = sibling(r, n, i);
-        const int64_t least = f == NULL ? 0 : span_at(m, f->tail)->least;
-        if (f != NULL && (count < need || least > span_at(m, ROW(chosen, count - 1))->least)) {
-            at = count < need && count < RVAFT_NEED ? count++ : count - 1;
-            for (; at > 0 && span_at(m, ROW(chosen, at - 1))->least < least; at--) {
-                ROW(chosen, at) = ROW(chosen, at - 1);
-            }
-            ROW(chosen, at) = f->tail;
+        at = f == NULL ? 0 : f->tail;
+        while (at != 0 && is_longer(s->least, span_at(m, at)->most, gate->limit)) {
+            at = span_at(m, at)->before;
         }
+        ROW(cursor, i) = at;
     }
-    if (is_longer(span_at(m, ROW(chosen, count - 1))->least, span_at(m, made->head)->most, gate->limit)) {
-        drop_front(m, made);
-    }
-    for (i = 0; i < count && made->head != 0 && m->error == 0; i++) {
-        front joined = {0, 0};
-        add_joined(m, &joined, span_at(m, made->head), span_at(m, ROW(chosen, i)), gate->limit, 0);
-        drop_front(m, made);
-        *made = joined;
+    while (end < n->children && m->error == 0) {
+        span whole = *s;
+        count = 0;
+        end = n->children; /* the sibling whose match ends last, after this one */
+        for (i = 0; i < n->children; i++) {
+            const uint32_t own = ROW(cursor, i);
+            if (own == 0) {
+                continue;
+            }
+            if (span_at(m, own)->most > (end < n->children ? span_at(m, ROW(cursor, end))->most : s->most)) {
+                end = i;
+            }
+            if (count < need || span_at(m, own)->least > span_at(m, ROW(chosen, count - 1))->least) {
+                at = count < need && count < RVAFT_NEED ? count++ : count - 1;
+                for (; at > 0 && span_at(m, ROW(chosen, at - 1))->least < span_at(m, own)->least; at--) {
+                    ROW(chosen, at) = ROW(chosen, at - 1);
+                }
+                ROW(chosen, at) = own;
+            }
+        }
+        if (count < need || is_longer(span_at(m, ROW(chosen, count - 1))->least, s->most, gate->limit)) {
+            return; /* those that end earlier start earlier, too */
+        }
+        for (i = 0; i < count; i++) {
+            extend(&whole, span_at(m, ROW(chosen, i)));
+        }
+        number = is_longer(whole.least, whole.most, gate->limit) ? 0 : add_span(m, to, &whole, 0, 0);
+        for (i = 0; number != 0 && i < count; i++) {
+#if RVAFT_PLACES
+            add_places(m, number, span_at(m, ROW(chosen, i))->events);
+#endif
+        }
+        if (end < n->children) {
+            ROW(cursor, end) = span_at(m, ROW(cursor, end))->before;
+        }
     }
 }
 
 /* Join matches with matches of as many siblings as the gate needs besides. */
 static void join_others(rvaft_monitor *m, const kept *r, const node *n, const node *gate, front *made) {
     const uint32_t need = n->need - 1;
+    front chosen[RVAFT_NEED + 1] = {{0, 0}}; /* with matches of so many siblings */
     uint32_t full = 0, i, k, at;
-    int in_order = 1;
     for (i = 0; i < n->children; i++) {
-        const front *f = sibling(r, n, i);
-        full += f != NULL;
-        in_order = in_order && (f == NULL || span_at(m, f->tail)->most <= span_at(m, made->head)->most);
+        full += sibling(r, n, i) != NULL;
     }
     if (full < need) {
         drop_front(m, made);
@@ -410,10 +448,13 @@ static void join_others(rvaft_monitor *m, const kept *r, const node *n, const no
                 k++;
             }
         }
-    } else if (need > 0 && in_order && made->head == made->tail && !gate->inside) {
-        join_last(m, r, n, gate, made, need);
+    } else if (need > 0 && !gate->inside) {
+        for (at = made->head; at != 0 && m->error == 0; at = span_at(m, at)->next) {
+            join_best(m, r, n, gate, &chosen[0], span_at(m, at));
+        }
+        drop_front(m, made);
+        *made = chosen[0];
     } else if (need > 0) {
-        front chosen[RVAFT_NEED + 1] = {{0, 0}}; /* with matches of so many siblings */
         chosen[0] = *made;
         for (i = 0; i < n->children; i++) {
             const front *f = sibling(r, n, i);

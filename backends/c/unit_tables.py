@@ -66,6 +66,8 @@ class UnitTables:
     """The greatest number of events of a match."""
     need: int = 1
     """The greatest number of siblings that a match needs."""
+    siblings: int = 1
+    """The greatest number of children of a gate without order."""
     fronts: bool = False
     """Whether times may decrease within a window."""
 
@@ -112,6 +114,7 @@ class _Placing(ABC):
                 self._order[node] = order
                 order += len(below)
                 made.need = max(made.need, unit.places[below[0]].need - 1)
+                made.siblings = max(made.siblings, len(below))
         weights = [*self._weights()]
         events = sum(2 * weights[0] * self._levels(node) for node in self._slots)
         self.own = list[Kind]()

@@ -183,6 +183,7 @@ class FrontWriter(UnitWriter):
         own = {
             "FRONTS": self._most("slots"),
             "NEED": found.need,
+            "SIBLINGS": found.siblings,
             "EVENTS": f"({min(2 * found.depth + 4, _ROOM)}U * RVAFT_CAPACITY + {needed}U)",
         }
         return {**super()._sizes(), **own}

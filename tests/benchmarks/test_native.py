@@ -159,11 +159,18 @@ def choices(number: int) -> tuple[str, list[str]]:
     """An AND of choices of two leaves, and their events."""
     names = [f"o{one}" for one in range(number)]
     gates = "".join(f" {name} or {name}a {name}b;" for name in names)
-    return f"top and {' '.join(names)} within 1 h;{gates}", [f"{name}{leaf}" for name in names for leaf in "ab"]
+    top = f"top and all never within 1 h; never; all and {' '.join(names)};"
+    return f"{top}{gates}", [f"{name}{leaf}" for name in names for leaf in "ab"]
 
 
 def counted(number: int, window: str) -> tuple[str, list[str]]:
     return f'event e(n, u) = {{ event: n, user: u }}; top and f{window}; f on e("f", U) times {number};', ["f"]
+
+
+def votes(number: int) -> tuple[str, list[str]]:
+    """A third of some leaves, and their events."""
+    names = [f"v{one}" for one in range(number)]
+    return f"top and some never within 1 h; never; some {max(2, number // 3)}of{number} {' '.join(names)};", names
 
 
 VOTES = [f"o{one}" for one in range(8)]
@@ -173,19 +180,26 @@ GROWING: dict[str, tuple[list[tuple[str, list[str]]], float]] = {
         [(f"top and {' '.join(VOTES)} within 1 h;", VOTES), (f"top 3of8 {' '.join(VOTES)} within 1 h;", VOTES)],
         2,
     ),
+    "a third of 5, 10, 20, 40": ([votes(one) for one in (5, 10, 20, 40)], 6),
     "times 5, 50, 500": ([counted(one, "") for one in (5, 50, 500)], 3.5),
     "times 5, 50, 500 in 1 h": ([counted(one, " within 1 h") for one in (5, 50, 500)], 3.5),
 }
 """Trees of which each is larger than the one before, and the most time of the last as a multiple of the first."""
 
 
+LATE = {"in order": (" late 0 s", 0), "disorder": (" late 5 s", 5), "no late": ("", 5)}
+"""What a tree says of late events, and by how many seconds times may decrease."""
+
+
 @pytest.mark.parametrize("places", [False, True], ids=["verdicts", "places"])
+@pytest.mark.parametrize("order", LATE)
 @pytest.mark.parametrize("case", GROWING)
 def test_time_for_an_event_of_larger_trees(
-    case: str, places: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios
+    case: str, order: str, places: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios
 ) -> None:
-    """A unit keeps no partial matches: 40 choices of two have a million million of them."""
+    """A unit keeps one match of a node, or those that lie in no other: 40 choices of two have a million million."""
     trees, most = GROWING[case]
+    late, disorder = LATE[order]
     seconds, log, program = [], tmp_path / "log.jsonl", tmp_path / "monitor"
     for text, names in trees:
         random = Random(1)
@@ -193,11 +207,14 @@ def test_time_for_an_event_of_larger_trees(
             {"event": random.choice(names), "user": f"u{random.randrange(1000)}", "ts": number}
             for number in range(EVENTS)
         )
-        log.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
-        written = translate(loads(f"time ts as s late 0 s; {text}"), "c", semantics=Semantics.SCATTERED)
-        build_program(written.text, program, CAPACITY, places=places)
+        moved = ({**line, "ts": line["ts"] - random.randrange(1 + disorder)} for line in lines)
+        log.write_text("".join(json.dumps(line) + "\n" for line in moved), encoding="utf-8")
+        written = translate(loads(f"time ts as s{late}; {text}"), "c", semantics=Semantics.SCATTERED)
+        build_program(written.text, program, 2 * CAPACITY, places=places)
+        assert subprocess.run([program, "--detections", "--repeat", log], capture_output=True, check=False).stderr == b""
         seconds.append(min(running(program, "--detections", "--repeat", log) for _ in range(3)))
-    ratios.add(f"native: {case}{', with places' if places else ''}", "the smallest", seconds[-1] / seconds[0], most)
+    name = f"native: {case}, {order}{', with places' if places else ''}"
+    ratios.add(name, "the smallest", seconds[-1] / seconds[0], most)
     with capsys.disabled():
-        print(f"\n{case:30} {', '.join(f'{one / EVENTS * 1e6:.2f}' for one in seconds)} µs an event")
+        print(f"\n{case:30} {order:9} {', '.join(f'{one / EVENTS * 1e6:.2f}' for one in seconds)} µs an event")
     assert seconds[-1] / seconds[0] < most

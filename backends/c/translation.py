@@ -52,7 +52,7 @@ def _unit_tables(prop: Property, limit: int) -> UnitTables | None:
     None is returned if it has joins or counts different values. Where an instance keeps more than `limit` starts
     of matches, the stages are as many.
     """
-    found = units(prop) if prop.feasible else None
+    found = units(prop, branches=False) if prop.feasible else None
     if found is None or any(unit.distinct for unit in found):
         return None
     late = None if prop.time is None else prop.time.late

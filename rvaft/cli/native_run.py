@@ -34,7 +34,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation, Pending, twin
 from rvaft.readers.json_lines import decode, event_on
 from rvaft.readers.log import BOM, LogReader
-from rvaft.stream.keys import Key
+from rvaft.stream.keys import Key, KeyedTraces
 from rvaft.stream.listeners import EventBuffer
 from rvaft.stream.plan import TIME, MonitoringPlan
 from rvaft.stream.run import TraceRun
@@ -167,6 +167,10 @@ class MatchExplainer:
         return replace(found, matched=matched), events
 
 
+def _note_forgotten(keys: KeyedTraces, log: CompiledLog) -> None:
+    keys.note_forgotten(log.forgotten_keys)
+
+
 class _Fed(BufferedIOBase):
     """A stream that passes each piece to `feed` before it returns it, with b"" at the end.
 
@@ -236,14 +240,14 @@ class NativeRun:
             run.keys.follows_native = True
         with ExitStack() as stack:
             stack.callback(self._log.close)
+            if run.keys is not None:
+                stack.callback(_note_forgotten, run.keys, self._log)
             if file is None:
                 self._copy = cast("BinaryIO", stack.enter_context(TemporaryFile()))
                 yield cast("BinaryIO", _Fed(stream, self._feed_and_copy, None))
             else:
                 self._copy = stack.enter_context(file.open("rb"))
                 yield cast("BinaryIO", _Fed(stream, self._feed, stack.enter_context(ThreadPoolExecutor(1))))
-            if run.keys is not None:
-                run.keys.note_forgotten(self._log.forgotten_keys)
             if self._log.failure is not None:
                 raise self._named(self._log.failure)
         if self._found:

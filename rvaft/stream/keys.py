@@ -5,6 +5,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from math import inf
+from operator import itemgetter
 from typing import Final, Self, TypeAlias
 
 from rvaft.errors import OptionError, TooLarge
@@ -168,10 +169,10 @@ class KeyedTraces:
         kept = {name: trace for name, trace in traces if trace.monitors.until >= horizon - time.late}
         if len(kept) > self._most * 9 // 10:
             return
-        if self.follows_native:  # it has the partial matches: those of the latest events are kept for their counts
-            latest = sorted(known)[len(known) // 4]
-            pairs = zip(traces, times, strict=True)
-            kept |= {name: trace for (name, trace), one in pairs if one is not None and one > latest}
+        if self.follows_native:  # it has the partial matches: the values with the latest events are kept for their counts
+            idle = [(one is not None, one or 0, name) for (name, _), one in zip(traces, times, strict=True)]
+            idle = sorted((one for one in idle if one[2] not in kept), key=itemgetter(0, 1))
+            kept |= {name: self._traces[name] for _, _, name in idle[len(idle) // 2 :]}
             kept = {name: trace for name, trace in traces if name in kept}
         self.forgotten += len(self._traces) - len(kept)
         self._horizon = max(self._horizon, horizon)
@@ -209,8 +210,9 @@ class KeyedTraces:
         names = " and ".join(field.text for field in self.key.fields)
         if self.forgotten:
             what = "that detected nothing and whose windows had passed were forgotten"
-            remedy = "a greater --max-keys, or a run without --native, may keep more"
-            yield f"{self.forgotten:,} values of {names} {what}; {remedy if self.follows_native else '--max-keys N keeps more'}"
+            native = "a greater --max-keys, or a run without --native, may keep more"
+            remedy = native if self.follows_native else "--max-keys N keeps more"
+            yield f"{self.forgotten:,} values of {names} {what}; {remedy}"
         if self.early:
             why = "such an event may need one of a value that was forgotten"
             yield (

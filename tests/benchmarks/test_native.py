@@ -121,6 +121,33 @@ def test_keys_beside_decoding(
     assert ratio < 8
 
 
+ROTATING = "time ts as s late LATE s; event e(k) = { event: k }; top sand f ok within 60 s; f on e(\"f\") times 3; ok;"
+KEYS = 1_000_000
+
+
+@pytest.mark.parametrize("late", [0, 5])
+def test_a_million_keys_that_rotate(
+    late: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ratios: Ratios
+) -> None:
+    """`--native --key` in the room for 20,000: one address in 10,000 fails three times, and then succeeds."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (tree := tmp_path / "tree.rvaft").write_text(ROTATING.replace("LATE", str(late)), encoding="utf-8")
+    with (log := tmp_path / "log.jsonl").open("w", encoding="utf-8") as out:
+        for number in range(KEYS):
+            for name in ("f", "f", "f", "ok") if number % 10_000 == 0 else ("f",):
+                out.write(json.dumps({"event": name, "ip": f"a{number}", "ts": number / 100}) + "\n")
+    call = [*COMMAND, "monitor", str(tree), str(log), "--semantics", "scattered", "--key", "ip", "--max-keys", "20000"]
+    call += ["--repeat", "--native"]
+    done = subprocess.run(call, capture_output=True, text=True, check=False)
+    assert f"\ndetections: {KEYS // 10_000}\n" in done.stdout
+    assert "whose windows had passed were forgotten" in done.stderr
+    ratio = running(*call) / decoding(log)
+    ratios.add(f"native: a million keys, late {late} s", "orjson.loads", ratio, 6)
+    with capsys.disabled():
+        print(f"\n{'a million keys':20} {ratio:5.2f} times orjson.loads")
+    assert ratio < 6
+
+
 def test_logins_beside_decoding(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], ratios: Ratios
 ) -> None:
@@ -132,12 +159,17 @@ def test_logins_beside_decoding(
     call = (*COMMAND, "monitor", str(tree), "--key", "ip", "--repeat", "--native")
     found = subprocess.run([*call, str(log)], capture_output=True, text=True, check=False).stdout  # compiles
     assert f"\ndetections: {known.total()}\n" in found
+    monkeypatch.delenv("PYTHONDONTWRITEBYTECODE", raising=False)  # as where rvaft is installed
+    monkeypatch.setenv("PYTHONPYCACHEPREFIX", str(tmp_path / "bytecode"))
+    running(*call, empty)
     rounds = [(running(*call, log), running(*call, empty), decoding(log)) for _ in range(3)]
     whole, start, decoded = (min(times) for times in zip(*rounds, strict=True))
     ratios.add("native: keys of sshd", "orjson.loads", (whole - start) / decoded, 1.5)
+    ratios.add("native: keys of sshd, with the start", "orjson.loads", whole / decoded, 1.7)
     with capsys.disabled():
         print(f"\n{'keys of sshd':20} {(whole - start) / decoded:5.2f}, with the start {whole / decoded:5.2f}")
     assert (whole - start) / decoded < 1.5
+    assert whole / decoded < 1.7
 
 
 def test_text_output_is_not_slower_than_the_engine(
@@ -180,7 +212,7 @@ GROWING: dict[str, tuple[list[tuple[str, list[str]]], float]] = {
         [(f"top and {' '.join(VOTES)} within 1 h;", VOTES), (f"top 3of8 {' '.join(VOTES)} within 1 h;", VOTES)],
         2,
     ),
-    "a third of 5, 10, 20, 40": ([votes(one) for one in (5, 10, 20, 40)], 6),
+    "a third of 5, 10, 20, 40": ([votes(one) for one in (5, 10, 20, 40)], 8),
     "times 5, 50, 500": ([counted(one, "") for one in (5, 50, 500)], 3.5),
     "times 5, 50, 500 in 1 h": ([counted(one, " within 1 h") for one in (5, 50, 500)], 3.5),
 }

@@ -134,7 +134,7 @@ class _Placing(ABC):
         made.names += unit.names
         made.nodes += [self._row(node) for node in range(size)]
         made.kinds.append(Kind(len(unit.key), slots, starts, rings, order, unit.window, events))
-        made.levels = max(made.levels, max(self._levels(node) for node in range(size)), *(one.levels for one in leaves))
+        made.levels = max(made.levels, *map(self._levels, range(size)), *(one.levels for one in leaves))
         made.depth = max(made.depth, weights[0])
 
     @abstractmethod
@@ -155,8 +155,10 @@ class _Placing(ABC):
 
     def _is_kept(self, node: int) -> bool:
         """Whether the matches of a node are kept."""
-        return node > 0 and self._unit.places[node].op is not Op.ONE and not (
-            self._ordered(node) and self._unit.places[node].last
+        return (
+            node > 0
+            and self._unit.places[node].op is not Op.ONE
+            and not (self._ordered(node) and self._unit.places[node].last)
         )
 
     def _ordered(self, node: int) -> bool:

@@ -42,9 +42,7 @@ class UnitWriter(Writer):
             bound = self._bound[pattern]
             leaves.append(self._leaf(one, pattern, self._guard(one.leaf.guard, bound), len(names)))
             names += [str(bound[name]) for name in one.names]
-        kinds = (
-            f"{{{kind.names}, {kind.slots}, {duration(kind.window)}}}" for kind in self._found.kinds
-        )
+        kinds = (f"{{{kind.names}, {kind.slots}, {duration(kind.window)}}}" for kind in self._found.kinds)
         made = (
             rows("node", "nodes", self._found.nodes, self._found.names),
             rows("leaf", "leaves", leaves, (one.leaf.source for one in self._found.leaves)),
@@ -164,7 +162,10 @@ class FrontWriter(UnitWriter):
         return CAPACITY
 
     def _summary(self) -> str:
-        named, within = super()._summary(), "   Partial matches: RVAFT_CAPACITY, of which none of a node lies within another.\n"
+        named, within = (
+            super()._summary(),
+            "   Partial matches: RVAFT_CAPACITY, of which none of a node lies within another.\n",
+        )
         first, found, _, *others = named.splitlines(keepends=True)
         return "".join((first, found, within, *others))
 

@@ -281,9 +281,7 @@ class NativeRun:
             return NativeAnswer(self, log, self._copy, self._found, stack.pop_all())
 
     def _new_log(self, *, forgets: bool) -> CompiledLog:
-        return self._backend.native_log(
-            self._text, keys=self._keys, repeat=self._repeat, forgets=forgets, warn=warn
-        )
+        return self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, forgets=forgets, warn=warn)
 
     def _feed(self, data: bytes) -> None:
         assert self._log is not None, "the trace has begun"

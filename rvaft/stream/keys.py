@@ -169,7 +169,9 @@ class KeyedTraces:
         kept = {name: trace for name, trace in traces if trace.monitors.until >= horizon - time.late}
         if len(kept) > self._most * 9 // 10:
             return
-        if self.follows_native:  # it has the partial matches: the values with the latest events are kept for their counts
+        if (
+            self.follows_native
+        ):  # it has the partial matches: the values with the latest events are kept for their counts
             idle = [(one is not None, one or 0, name) for (name, _), one in zip(traces, times, strict=True)]
             idle = sorted((one for one in idle if one[2] not in kept), key=itemgetter(0, 1))
             kept |= {name: self._traces[name] for _, _, name in idle[len(idle) // 2 :]}

@@ -108,9 +108,7 @@ class TraceRun:
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """The monitored trace; with a key, the template for each value."""
         key, most = self.plan.key, self.plan.max_keys
-        self.keys = (
-            None if key is None else KeyedTraces(key, most, self._of_key, self._begin_trace, self._forgets_keys)
-        )
+        self.keys = None if key is None else KeyedTraces(key, most, self._of_key, self._begin_trace, self._forgets_keys)
         self.prepare()
 
     def _of_key(self, values: tuple[Json, ...]) -> MonitoredTrace:

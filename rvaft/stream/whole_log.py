@@ -6,7 +6,7 @@ exactly for a log, it raises `Declined`, and the log is read event by event.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Final, NamedTuple, TypeAlias
 
@@ -51,8 +51,9 @@ class LogAnswer(ABC):
 
     `groups` match the same patterns and guards, and have the numbers of the `FIRST` events. `keys` are
     the events of each key in order of first occurrence, and `keyless` those without a key, each with
-    the first number; `forgotten` are those that it forgot (see `KeyedTraces.note_forgotten`). `selected` are the numbers of the events that a match may have, in order; the
-    monitors need no other. `noted` are the first events with different values in discriminating fields.
+    the first number. `forgotten` counts the keys that are left out (see `KeyedTraces.note_forgotten`).
+    `selected` are the numbers of the events that a match may have, in order; the monitors need no
+    other. `noted` are the first events with different values in discriminating fields.
     """
 
     total: int
@@ -60,6 +61,8 @@ class LogAnswer(ABC):
     keys: Sequence[EventCount]
     keyless: EventCount | None
     forgotten: tuple[int, int, int] = (0, 0, 0)
+    first_of_keys: Mapping[int, JsonObject] = {}
+    """The first events of the keys by number, once they were counted."""
     noted: Sequence[int]
     selected: Iterable[int]
 
@@ -130,6 +133,7 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
     keys = () if plan.key is None else [plan.key.of(events[number]) for number in firsts]
     if len({tuple(map(value_key, key)) for key in keys if key is not None}) < len(keys):
         raise Declined("DuckDB reads a key in another way")
+    answer.first_of_keys = {number: events[number] for number in firsts}
     for totals in (Totals(Statistics(types), DataWarnings(types)), run.totals):
         statistics, warnings = totals.statistics, totals.data_warnings
         looked_at = {number for group in answer.groups for number in group.first}
@@ -197,7 +201,7 @@ class _Unchanged:
         self._place = next(self._places, None)
         counts = {group.first[0]: group.total for group in answer.keys}
         with no_collections():
-            for number, _, event in answer.events(counts, run.plan.reads) if keys is not None else ():
+            for number, event in answer.first_of_keys.items():
                 if keys is not None and (watch := keys.of(event, number)) is not None:
                     self._watches[number], watch.events = watch, counts[number]
         if keys is not None and answer.keyless is not None:

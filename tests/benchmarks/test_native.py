@@ -121,7 +121,7 @@ def test_keys_beside_decoding(
     assert ratio < 8
 
 
-ROTATING = "time ts as s late LATE s; event e(k) = { event: k }; top sand f ok within 60 s; f on e(\"f\") times 3; ok;"
+ROTATING = 'time ts as s late LATE s; event e(k) = { event: k }; top sand f ok within 60 s; f on e("f") times 3; ok;'
 KEYS = 1_000_000
 
 
@@ -227,7 +227,7 @@ LATE = {"in order": (" late 0 s", 0), "disorder": (" late 5 s", 5), "no late": (
 @pytest.mark.parametrize("order", LATE)
 @pytest.mark.parametrize("case", GROWING)
 def test_time_for_an_event_of_larger_trees(
-    case: str, order: str, places: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios
+    case: str, order: str, *, places: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], ratios: Ratios
 ) -> None:
     """A unit keeps one match of a node, or those that lie in no other: 40 choices of two have a million million."""
     trees, most = GROWING[case]
@@ -236,15 +236,19 @@ def test_time_for_an_event_of_larger_trees(
     for text, names in trees:
         random = Random(1)
         lines = (
-            {"event": random.choice(names), "user": f"u{random.randrange(1000)}", "ts": number}
+            {
+                "event": random.choice(names),
+                "user": f"u{random.randrange(1000)}",
+                "ts": number - random.randrange(1 + disorder),
+            }
             for number in range(EVENTS)
         )
-        moved = ({**line, "ts": line["ts"] - random.randrange(1 + disorder)} for line in lines)
-        log.write_text("".join(json.dumps(line) + "\n" for line in moved), encoding="utf-8")
+        log.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
         written = translate(loads(f"time ts as s{late}; {text}"), "c", semantics=Semantics.SCATTERED)
         build_program(written.text, program, 2 * CAPACITY, places=places)
-        assert subprocess.run([program, "--detections", "--repeat", log], capture_output=True, check=False).stderr == b""
-        seconds.append(min(running(program, "--detections", "--repeat", log) for _ in range(3)))
+        call = (program, "--detections", "--repeat", log)
+        assert subprocess.run(call, capture_output=True, check=False).stderr == b""
+        seconds.append(min(running(*call) for _ in range(3)))
     name = f"native: {case}, {order}{', with places' if places else ''}"
     ratios.add(name, "the smallest", seconds[-1] / seconds[0], most)
     with capsys.disabled():

@@ -246,8 +246,12 @@ def test_instances_are_forgotten_when_their_window_has_passed(late: str, room: i
     build_program(BACKEND.translate(tree, SCATTERED).text, tmp_path / "monitor", room)
     random, events = Random(1), list[dict[str, Any]]()
     for time in range(20_000):
-        event = {"k": random.choice("xxyypq"), "u": f"user {time // 20 * 5 + random.randrange(2)}", "ts": time}
-        event["ts"] -= 0 if late == "late 0 s" else random.choice((0, 0, 5, 9))
+        shift = 0 if late == "late 0 s" else random.choice((0, 0, 5, 9))
+        event = {
+            "k": random.choice("xxyypq"),
+            "u": f"user {time // 20 * 5 + random.randrange(2)}",
+            "ts": time - shift,
+        }
         events.append({**event, "v": random.randrange(2)})
     code, out, error = status(tmp_path / "monitor", b"\n".join(json.dumps(one).encode() for one in events), "--repeat")
     watching = Repetition(monitor(tree, semantics=SCATTERED))
@@ -343,8 +347,8 @@ def test_rotating_keys_in_little_room(tree: str, tmp_path: Path) -> None:
     sizes = ("-DRVAFT_CAPACITY=3000", "-DRVAFT_KEYS=250")
     compile_c(text + PIECES, tmp_path / "monitor", (*SANITIZERS, "-DRVAFT_PLACES=1", *sizes))
     random, events, wanted = Random(tree), list[dict[str, Any]](), list[int]()
-    word = ("x", "x", "x", "y", "y", "p", "q") if "sand x y z" in ROTATING[tree] else ("a", "b", "c")
-    waiting = [("fixed", iter(()))]
+    word = "xxxyypq" if "sand x y z" in ROTATING[tree] else "abc"
+    waiting = [("fixed", iter(word[:0]))]
     for number in range(6_000):
         if number % len(word) == 0:
             whole = random.random() < 0.05
@@ -359,9 +363,10 @@ def test_rotating_keys_in_little_room(tree: str, tmp_path: Path) -> None:
         events.append(event)
     apart = dict[str, Repetition]()
     for number, event in enumerate(events, 1):
-        if event["key"] not in apart:
-            apart[event["key"]] = Repetition(monitor(loaded, semantics=SCATTERED))
-        if apart[event["key"]].step(event) is Verdict.TRUE:
+        key = str(event["key"])
+        if key not in apart:
+            apart[key] = Repetition(monitor(loaded, semantics=SCATTERED))
+        if apart[key].step(event) is Verdict.TRUE:
             wanted.append(number)
     code, out, error = status(tmp_path / "monitor", b"\n".join(json.dumps(event).encode() for event in events))
     assert code == 0, error

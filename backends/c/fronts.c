@@ -443,8 +443,9 @@ static void join_others(rvaft_monitor *m, const kept *r, const node *n, const no
         drop_front(m, made);
     } else if (need > 0 && (full == need || gate->limit == UINT64_MAX)) {
         for (i = 0, k = 0; i < n->children && k < need && m->error == 0; i++) {
-            if (sibling(r, n, i) != NULL) {
-                join_each(m, made, sibling(r, n, i), gate, 0);
+            const front *f = sibling(r, n, i);
+            if (f != NULL) {
+                join_each(m, made, f, gate, 0);
                 k++;
             }
         }
@@ -516,7 +517,8 @@ static void chain_events(rvaft_monitor *m, ring *q, uint32_t at) {
         span *s = span_at(m, at);
         uint32_t made = new_events(m, link, 0);
         if (made != 0) {
-            events_at(m, made)->at = events_at(m, s->events)->at;
+            const place at_event = events_at(m, s->events)->at;
+            events_at(m, made)->at = at_event;
             release_events(m, s->events);
             s->events = made;
             q->links++;

@@ -969,6 +969,9 @@ RVAFT_UNUSED static rvaft_value value_of(const rvaft_monitor *m, const cell *c) 
 
 #define FEW 63U /* the least mask of buckets */
 
+/* Whether there are eight bytes at a place of some. */
+#define HAS_EIGHT(at, size) ((at) < (size) && (size) - (at) >= 8)
+
 RVAFT_UNUSED static uint32_t mixed(uint64_t h) {
     h ^= h >> 32;
     h *= UINT64_C(0xD6E8FEB86659FD93);
@@ -1030,7 +1033,7 @@ static int has_bytes(const pool *t, uint32_t number, const char *text, uint32_t 
     if (t->size[number] != size) {
         return 0;
     }
-    for (; k + 8 <= size && at + 8 <= RVAFT_TEXT_BYTES; k += 8, at += 8) {
+    for (; k + 8 <= size && HAS_EIGHT(at, RVAFT_TEXT_BYTES); k += 8, at += 8) {
         uint64_t ours, theirs;
         memcpy(&ours, t->bytes + at, 8);
         memcpy(&theirs, text + k, 8);
@@ -1289,20 +1292,52 @@ static int step(rvaft_monitor *m, const rvaft_event *e) {
 
 /* Append bytes of a key to those behind all keys; returns 0 if there is no room. */
 static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t more) {
-    uint32_t at = t->used + KEY_NUMBER + *size;
-    if (at > RVAFT_KEY_BYTES || more > RVAFT_KEY_BYTES - at) {
-        return 0;
+    const char *bytes = from;
+    uint32_t at = t->used + KEY_NUMBER + *size, i = 0;
+    for (; i + 8 <= more && HAS_EIGHT(at, RVAFT_KEY_BYTES); i += 8, at += 8) {
+        memcpy(t->bytes + at, bytes + i, 8);
     }
-    memcpy(t->bytes + at, from, more);
-    *size += more;
-    return 1;
+    for (; i < more && at < RVAFT_KEY_BYTES; i++, at++) {
+        t->bytes[at] = bytes[i];
+    }
+    *size += i;
+    return i == more;
 }
 
-/* Whether the bytes of a key are those behind all keys, which have its size. */
+/* The hash of the bytes behind all keys. */
+static uint32_t hash_key(const key_table *t, uint64_t h, uint32_t size) {
+    uint32_t at = t->used + KEY_NUMBER, i = 0;
+    h ^= size;
+    for (; i + 8 <= size && HAS_EIGHT(at, RVAFT_KEY_BYTES); i += 8, at += 8) {
+        uint64_t part;
+        memcpy(&part, t->bytes + at, 8);
+        h = (h ^ part) * UINT64_C(0x9E3779B97F4A7C15);
+        h ^= h >> 31;
+    }
+    for (; i < size && at < RVAFT_KEY_BYTES; i++, at++) {
+        h = (h ^ (unsigned char)t->bytes[at]) * UINT64_C(0x100000001B3);
+        h ^= h >> 29;
+    }
+    return mixed(h);
+}
+
+/* Whether the bytes of a key are those behind all keys. */
 static int same_key(const key_table *t, const key_state *k) {
-    uint32_t at = t->used + KEY_NUMBER;
-    return at <= RVAFT_KEY_BYTES && k->size <= RVAFT_KEY_BYTES - at && k->start <= RVAFT_KEY_BYTES - k->size &&
-           memcmp(t->bytes + at, t->bytes + k->start, k->size) == 0;
+    uint32_t at = t->used + KEY_NUMBER, own = k->start, i = 0;
+    for (; i + 8 <= k->size && HAS_EIGHT(at, RVAFT_KEY_BYTES) && HAS_EIGHT(own, RVAFT_KEY_BYTES); i += 8, at += 8, own += 8) {
+        uint64_t ours, theirs;
+        memcpy(&ours, t->bytes + own, 8);
+        memcpy(&theirs, t->bytes + at, 8);
+        if (ours != theirs) {
+            return 0;
+        }
+    }
+    for (; i < k->size && at < RVAFT_KEY_BYTES && own < RVAFT_KEY_BYTES; i++, at++, own++) {
+        if (t->bytes[at] != t->bytes[own]) {
+            return 0;
+        }
+    }
+    return i == k->size;
 }
 
 /* Append the values of a key of an event, of which equal ones have equal bytes. Returns their number, or NONE
@@ -1341,16 +1376,18 @@ static uint32_t append_values(rvaft_monitor *m, const rvaft_event *e) {
 
 /* Move the bytes of the keys that are live together. */
 static void gather_keys(key_table *t) {
-    uint32_t from = 0, to = 0, number, size;
-    while (from < t->used && from + KEY_NUMBER <= RVAFT_KEY_BYTES) {
+    uint32_t from = 0, to = 0;
+    while (from < t->used && from <= RVAFT_KEY_BYTES - KEY_NUMBER) {
+        uint32_t number, end;
         memcpy(&number, t->bytes + from, sizeof number);
-        size = KEY_NUMBER + ROW(t->item, number).size;
-        if (ROW(t->live, number) && size <= RVAFT_KEY_BYTES - from) {
-            memmove(t->bytes + to, t->bytes + from, size);
+        end = from + KEY_NUMBER + ROW(t->item, number).size;
+        if (ROW(t->live, number)) {
             ROW(t->item, number).start = to + KEY_NUMBER;
-            to += size;
+            for (; from < end && from < RVAFT_KEY_BYTES && to < RVAFT_KEY_BYTES; from++, to++) {
+                t->bytes[to] = t->bytes[from];
+            }
         }
-        from += size;
+        from = end;
     }
     t->used = to;
 }
@@ -1459,7 +1496,7 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
             return NONE;
         }
         if (size != NONE && t->used <= RVAFT_KEY_BYTES - KEY_NUMBER - size) {
-            hash = hash_bytes(m->seed, t->bytes + t->used + KEY_NUMBER, size);
+            hash = hash_key(t, m->seed, size);
             for (i = t->head[hash % RVAFT_KEYS]; i < RVAFT_KEYS; i = t->item[i].next) {
                 const key_state *k = &t->item[i];
                 if (k->hash == hash && k->size == size && same_key(t, k)) {

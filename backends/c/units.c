@@ -269,7 +269,7 @@ static uint32_t *bucket_of(instance_table *t, uint64_t h) {
 }
 
 static void link_instance(instance_table *t, uint32_t number) {
-    instance *r = &t->item[number];
+    instance *r = &ROW(t->item, number);
     uint32_t i, *home;
 #if RVAFT_KEYED
     uint64_t h = hash_of(r->kind, r->key);

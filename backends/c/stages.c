@@ -40,7 +40,7 @@ typedef struct past {
     uint32_t number; /* in all_remembered */
 #if RVAFT_KEYED
     uint32_t key;
-    uint32_t era;
+    uint64_t birth; /* of the key: its place may be that of another one */
 #endif
     int64_t latest;
     cell slot[RVAFT_PAST_WIDTH];
@@ -162,10 +162,12 @@ typedef struct remembered {
 #define KEY_OF(p) ((p)->key)
 #define CURRENT_KEY(m) ((m)->key)
 #define is_void(m, p) ((p)->key < RVAFT_KEYS && (m)->keys.item[(p)->key].era != (p)->era)
+#define is_forgotten(m, p) ((p)->key < RVAFT_KEYS && (m)->keys.birth[(p)->key] != (p)->birth)
 #else
 #define KEY_OF(p) NONE
 #define CURRENT_KEY(m) NONE
 #define is_void(m, p) 0
+#define is_forgotten(m, p) 0
 #endif
 
 static const stage *stage_of(const partial *p) { return &ROW(stages, p->stage); }
@@ -185,7 +187,7 @@ static void mark_texts(rvaft_monitor *m) {
     }
 #if RVAFT_REMEMBERED
     for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
-        for (k = 0; k < RVAFT_PAST_WIDTH && !is_void(m, &m->past[i]); k++) {
+        for (k = 0; k < RVAFT_PAST_WIDTH && !is_forgotten(m, &m->past[i]); k++) {
             mark_text(&m->texts, &m->past[i].slot[k]);
         }
     }
@@ -417,7 +419,7 @@ static void forget_past(rvaft_monitor *m) {
 #else
         int64_t latest = m->latest;
 #endif
-        if (!has_expired(latest, 1, &m->past[i]) && !is_void(m, &m->past[i])) {
+        if (!has_expired(latest, 1, &m->past[i]) && !is_forgotten(m, &m->past[i])) {
             past moved = m->past[i];
             uint64_t h = past_hash(moved.number);
             uint32_t *head, joined = ROW(all_remembered, moved.number).joined;
@@ -453,7 +455,7 @@ static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number)
     made.latest = e->has_time ? e->time : 0;
 #if RVAFT_KEYED
     made.key = m->key;
-    made.era = ROW(m->keys.item, m->key).era;
+    made.birth = ROW(m->keys.birth, m->key);
 #endif
     for (k = 0; k < r->fields && k < RVAFT_PAST_WIDTH; k++) {
         made.slot[k] = *cell_of(m, e, ROW(link_slots, r->field + k), 1);
@@ -472,7 +474,7 @@ static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number)
         past *other = &m->past[at - 1];
         int equal = other->number == number;
 #if RVAFT_KEYED
-        equal = equal && other->key == m->key && !is_void(m, other);
+        equal = equal && other->key == m->key && !is_forgotten(m, other);
 #endif
         for (k = 0; equal && k < r->fields && k < RVAFT_PAST_WIDTH; k++) {
             equal = same_cell(&made.slot[k], &other->slot[k]);
@@ -518,7 +520,7 @@ static int has_come(rvaft_monitor *m, const recall *r, const partial *p, const r
         const past *one = &m->past[at - 1];
         int equal = one->number == r->number;
 #if RVAFT_KEYED
-        equal = equal && one->key == m->key && !is_void(m, one);
+        equal = equal && one->key == m->key && !is_forgotten(m, one);
 #endif
         for (k = 0; equal && k < kind->joined && k < RVAFT_PAST_WIDTH; k++) {
             equal = wanted[k] != NULL && same_cell(&one->slot[k], wanted[k]);
@@ -635,7 +637,7 @@ static void mark_keys(rvaft_monitor *m) {
     }
 #if RVAFT_REMEMBERED
     for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
-        if (!is_void(m, &m->past[i]) && !has_expired(m->keys.newest, 2, &m->past[i])) {
+        if (!is_forgotten(m, &m->past[i]) && !has_expired(m->keys.newest, 2, &m->past[i])) {
             ROW(m->keys.live, m->past[i].key) = 1;
         }
     }

@@ -91,12 +91,15 @@ class CBackend(Backend):
         """
         return cached_program(text, CAPACITY, warn)
 
-    def native_log(self, text: str, *, keys: int, repeat: bool, warn: Callable[[str], object]) -> NativeLog:
+    def native_log(
+        self, text: str, *, keys: int, repeat: bool, forgets: bool, warn: Callable[[str], object]
+    ) -> NativeLog:
         """Return a monitor of one log, compiled from a text, with room for some values of its key.
 
-        Raises `ToolMissing`, `ToolFailed` and `OSError`.
+        With `forgets`, values of which no event can matter any more make room for others. Raises
+        `ToolMissing`, `ToolFailed` and `OSError`.
         """
-        return NativeLog(text, keys=keys, repeat=repeat, warn=warn)
+        return NativeLog(text, keys=keys, repeat=repeat, forgets=forgets, warn=warn)
 
     def require(self) -> None:
         """Raise `ToolMissing` if there is no C compiler."""

@@ -8,6 +8,7 @@ from contextlib import suppress
 from functools import lru_cache
 from io import RawIOBase
 from mmap import mmap
+from operator import itemgetter
 from typing import Final, TypeAlias
 
 from backends.c.cache import cached_library
@@ -59,6 +60,10 @@ def _functions(text: str, capacity: int, keys: int, warn: Callable[[str], object
     found.rvaft_log_begin.argtypes = [ctypes.c_void_p, ctypes.c_uint64, ctypes.c_int]
     found.rvaft_log_begin.restype = None
     found.rvaft_log_read.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t]
+    if hasattr(found, "rvaft_log_keys_full"):  # a text with a key
+        found.rvaft_log_keep_keys.argtypes = [ctypes.c_void_p]
+        found.rvaft_log_keep_keys.restype = None
+        found.rvaft_log_keys_full.argtypes = [ctypes.c_void_p, ctypes.c_void_p]
     if hasattr(found, "rvaft_log_declined"):  # a text that counts events
         found.rvaft_log_declined.restype = ctypes.c_char_p
         found.rvaft_log_group.restype = found.rvaft_log_key.restype = ctypes.c_uint64
@@ -75,12 +80,23 @@ class NativeLog:
     `failure` is why there is no verdict from event `failed` on; a `TraceError` names the line only.
     """
 
-    def __init__(self, text: str, *, keys: int, repeat: bool, warn: Callable[[str], object] = lambda _: None) -> None:
+    def __init__(
+        self,
+        text: str,
+        *,
+        keys: int,
+        repeat: bool,
+        forgets: bool = True,
+        warn: Callable[[str], object] = lambda _: None,
+    ) -> None:
         self._functions = _functions(text, CAPACITY, keys, warn)
+        self._keys, self._keyed = keys, hasattr(self._functions, "rvaft_log_keys_full")
         self._state = mmap(-1, self._functions.rvaft_log_size())  # zeros; what is not used takes no memory
         self._head = _Head.from_buffer(self._state)
         self._address = ctypes.addressof(self._head)
         self._functions.rvaft_log_begin(self._address, secrets.randbits(64), int(repeat))
+        if self._keyed and not forgets:
+            self._functions.rvaft_log_keep_keys(self._address)
         self._rest = b""
         self.failed = 0
         self.failure: RvaftError | None = None
@@ -148,12 +164,27 @@ class NativeLog:
     def key_counts(self) -> Iterator[tuple[int, EventPlace]]:
         """Yield the number of events of each key, in order of first occurrence, then of those without a key.
 
-        The number comes with the place of the first event.
+        The number comes with the place of the first event. Keys that were forgotten are left out.
         """
-        place = _Place()
-        for number in range(self._functions.rvaft_log_keys(self._address) + 1):
+        place, found = _Place(), list[tuple[int, EventPlace]]()
+        keys = self._functions.rvaft_log_keys(self._address)
+        for number in range(keys + 1):
             total = self._functions.rvaft_log_key(self._address, number, ctypes.byref(place))
-            yield total, (place.number, place.line, place.offset)
+            if total or number == keys:
+                found.append((total, (place.number, place.line, place.offset)))
+        last = found.pop()
+        yield from sorted(found, key=itemgetter(1))
+        yield last
+
+    @property
+    def forgotten_keys(self) -> tuple[int, int, int]:
+        """How many keys were forgotten, how many began too early after that, and the first event of these, or 0."""
+        return self._key_state()[1]
+
+    def _key_state(self) -> tuple[bool, tuple[int, int, int]]:
+        numbers = (ctypes.c_uint64 * 3)()
+        full = self._keyed and bool(self._functions.rvaft_log_keys_full(self._address, numbers))
+        return full, (numbers[0], numbers[1], numbers[2])
 
     @property
     def total(self) -> int:
@@ -171,6 +202,9 @@ class NativeLog:
         match self._head.verdict:
             case code if code == _FULL and reason:
                 return TraceError(f"too much of {reason} for the native monitor: {_REMEDY}", line=self._head.line)
+            case code if code == _FULL and self._key_state()[0]:
+                remedy = "raise it with --max-keys N, or name another field"
+                return TooLarge("different values of the key", limit=self._keys, remedy=remedy)
             case code if code == _FULL:
                 return TooLarge("partial matches or texts of the native monitor", limit=CAPACITY, remedy=_REMEDY)
             case code if code == _UNSUPPORTED:

@@ -48,6 +48,7 @@ typedef struct event_group {
 
 typedef struct key_count {
     uint64_t total;
+    uint64_t birth; /* of the key, whose place may have been that of another one */
     int64_t latest;
     int has_latest;
     place first;
@@ -158,7 +159,13 @@ static void count_event(event_counts *c, const rvaft_monitor *m, const rvaft_rea
         return;
     }
 #if RVAFT_KEYED
-    k = m->key < RVAFT_KEYS ? &c->key[m->key] : k;
+    if (m->key < RVAFT_KEYS) {
+        k = &c->key[m->key];
+        if (k->birth != m->keys.birth[m->key]) {
+            memset(k, 0, sizeof *k);
+            k->birth = m->keys.birth[m->key];
+        }
+    }
 #endif
     count_group(c, m->seed, e);
     if (k != &c->keyless || !RVAFT_KEYED || RVAFT_LATE < 0) {
@@ -197,6 +204,22 @@ RVAFT_API void rvaft_log_begin(rvaft_log *l, uint64_t seed, int repeat) {
     l->repeat = repeat;
     init_zeros(&l->monitor, seed);
 }
+
+#if RVAFT_KEYED
+
+/* Keep all keys, until there is no room. */
+RVAFT_API void rvaft_log_keep_keys(rvaft_log *l) { l->monitor.keys.lasts = 1; }
+
+/* Whether there was no room for a key. Writes how many keys were forgotten, how many began with an event that may
+   need one of a forgotten key, and the number of the first such event. */
+RVAFT_API int rvaft_log_keys_full(const rvaft_log *l, uint64_t *to) {
+    to[0] = l->monitor.keys.forgotten;
+    to[1] = l->monitor.keys.early;
+    to[2] = l->monitor.first_early;
+    return l->monitor.keys.full;
+}
+
+#endif
 
 /* Read whole lines, up to a detection, a verdict that becomes false, or an error. Eight more bytes
    can be read behind them. Returns the number of bytes that were read, with the last line. */
@@ -267,12 +290,17 @@ RVAFT_API uint32_t rvaft_log_keys(const rvaft_log *l) {
 #endif
 }
 
-/* The number of events of a key, or (behind the last key) of those without one; writes the place of
-   the first one. */
+/* The number of events of a key (0 if it is free), or behind the last key of those without one; writes the
+   place of the first one. */
 RVAFT_API uint64_t rvaft_log_key(const rvaft_log *l, uint32_t number, place *to) {
     const key_count *k = &l->counts.keyless;
 #if RVAFT_KEYED
-    k = number < l->monitor.keys.count ? &l->counts.key[number] : k;
+    if (number < l->monitor.keys.count && number < RVAFT_KEYS) {
+        k = &l->counts.key[number];
+        if (l->monitor.keys.birth[number] != k->birth) {
+            return 0;
+        }
+    }
 #endif
     (void)number;
     *to = k->first;

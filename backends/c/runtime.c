@@ -102,18 +102,31 @@ typedef struct key_state {
     int64_t latest;
     int has_latest;
     int verdict;
+    int found; /* whether it has detected */
     uint32_t era;
-    uint32_t next;
+    uint32_t next; /* in its bucket, or the next free one */
     uint32_t hash;
     uint32_t start; /* of its bytes */
     uint32_t size;
 } key_state;
 
+/* The keys, with those that are free. A number precedes the bytes of each key. */
 typedef struct key_table {
+    int64_t newest;  /* the greatest time of all keys, while keys are forgotten */
+    int64_t horizon; /* an earlier event may need one of a forgotten key */
+    uint64_t forgotten;
+    uint64_t early; /* the keys that began with such an event */
+    uint64_t births;
+    int lasts; /* whether no key is forgotten */
+    int full;
     uint32_t count;
-    uint32_t used; /* bytes */
+    uint32_t spare; /* the first free key, or NONE */
+    uint32_t kept;  /* the keys that are not free */
+    uint32_t used;  /* bytes */
     uint32_t head[RVAFT_KEYS];
     key_state item[RVAFT_KEYS];
+    uint64_t birth[RVAFT_KEYS]; /* how many keys began until then, or 0 if free */
+    uint8_t live[RVAFT_KEYS];   /* whether a later event can be in a match with one of the key */
     char bytes[RVAFT_KEY_BYTES];
 } key_table;
 #endif
@@ -127,6 +140,9 @@ typedef struct rvaft_monitor {
     int changed;  /* whether the last event changed the verdict */
 #if RVAFT_KEYED
     uint32_t key; /* of the last event, or NONE if it lacks a field */
+#if RVAFT_PLACES
+    uint64_t first_early; /* the number of the first event of a key that may need one of a forgotten key */
+#endif
     key_table keys;
 #endif
 /* @members */
@@ -953,6 +969,9 @@ RVAFT_UNUSED static rvaft_value value_of(const rvaft_monitor *m, const cell *c) 
 
 #define FEW 63U /* the least mask of buckets */
 
+/* Whether there are eight bytes at a place of some. */
+#define HAS_EIGHT(at, size) ((at) < (size) && (size) - (at) >= 8)
+
 RVAFT_UNUSED static uint32_t mixed(uint64_t h) {
     h ^= h >> 32;
     h *= UINT64_C(0xD6E8FEB86659FD93);
@@ -975,6 +994,10 @@ RVAFT_UNUSED static uint32_t hash_bytes(uint64_t h, const char *text, uint32_t s
     }
     return mixed(h);
 }
+
+#if RVAFT_KEYED
+static int forget_keys(rvaft_monitor *m, uint32_t most);
+#endif
 
 #if RVAFT_NAMED
 
@@ -1010,7 +1033,7 @@ static int has_bytes(const pool *t, uint32_t number, const char *text, uint32_t 
     if (t->size[number] != size) {
         return 0;
     }
-    for (; k + 8 <= size && at + 8 <= RVAFT_TEXT_BYTES; k += 8, at += 8) {
+    for (; k + 8 <= size && HAS_EIGHT(at, RVAFT_TEXT_BYTES); k += 8, at += 8) {
         uint64_t ours, theirs;
         memcpy(&ours, t->bytes + at, 8);
         memcpy(&theirs, text + k, 8);
@@ -1086,6 +1109,11 @@ static uint32_t interned(rvaft_monitor *m, const rvaft_value *v, uint32_t hash, 
     }
     if (!has_room(t, v->size)) {
         collect_texts(m);
+#if RVAFT_KEYED
+        if (!has_room(t, v->size) && forget_keys(m, RVAFT_KEYS)) {
+            collect_texts(m);
+        }
+#endif
         if (!has_room(t, v->size)) {
             m->error = RVAFT_FULL;
             return NONE;
@@ -1150,7 +1178,14 @@ static const cell *cell_of(rvaft_monitor *m, const rvaft_event *e, uint32_t fiel
 
 #endif
 
+/* How late events may be, or 0. */
+RVAFT_UNUSED static uint64_t lateness(void) { return RVAFT_LATE < 0 ? 0 : (uint64_t)RVAFT_LATE; }
+
+/* @events */
+/* @kept */
 /* @matches */
+/* @steps */
+/* @follow */
 /*@ requires \valid(m) && \valid_read(e) && \separated(m, e);
     assigns m->latest, m->has_latest;
     ensures \result != 0 ==> m->latest == \old(m->latest) > e->time;
@@ -1190,6 +1225,7 @@ static void init_zeros(rvaft_monitor *m, uint64_t seed) {
 #endif
 #if RVAFT_KEYED
     m->key = NONE;
+    m->keys.spare = NONE;
     memset(m->keys.head, 0xFF, sizeof m->keys.head);
 #endif
     begin(m);
@@ -1220,33 +1256,83 @@ static int decided(rvaft_monitor *m, int verdict) {
     return verdict;
 }
 
-/* @step */
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
+    assigns *m;
+    ensures sound(m) && \result == outcome(m);
+    behavior final:
+        assumes outcome(m) != RVAFT_UNKNOWN;
+        assigns \nothing;
+        ensures \result == \old(outcome(m)); */
+static int step(rvaft_monitor *m, const rvaft_event *e) {
+    int late;
+    uint32_t i;
+    if (m->error != 0) {
+        return m->error;
+    }
+    if (m->verdict != RVAFT_UNKNOWN) {
+        return m->verdict;
+    }
+    /*@ loop invariant 0 <= i <= RVAFT_FIELDS;
+        loop assigns i, m->known[0 .. RVAFT_FIELDS - 1];
+        loop variant RVAFT_FIELDS - i; */
+    for (i = 0; i < RVAFT_FIELDS; i++) {
+        if (e->field[i].tag == RVAFT_BIG && e->field[i].text == NULL) { /* a double of more than 64 bits */
+            m->error = RVAFT_UNSUPPORTED;
+            return m->error;
+        }
+        m->known[i] = 0;
+    }
+    late = is_late(m, e);
+    return decided(m, follow(m, e, late));
+}
+
 #if RVAFT_KEYED
 
-/* Append the bytes of a key; returns 0 if there is no room. */
+#define KEY_NUMBER ((uint32_t)sizeof(uint32_t))
+
+/* Append bytes of a key to those behind all keys; returns 0 if there is no room. */
 static int append_key(key_table *t, uint32_t *size, const void *from, uint32_t more) {
     const char *bytes = from;
-    uint32_t at = t->used + *size, i;
-    for (i = 0; i < more && at < RVAFT_KEY_BYTES; i++, at++) {
+    uint32_t at = t->used + KEY_NUMBER + *size, i = 0;
+    for (; i + 8 <= more && HAS_EIGHT(at, RVAFT_KEY_BYTES); i += 8, at += 8) {
+        memcpy(t->bytes + at, bytes + i, 8);
+    }
+    for (; i < more && at < RVAFT_KEY_BYTES; i++, at++) {
         t->bytes[at] = bytes[i];
     }
     *size += i;
     return i == more;
 }
 
+/* The hash of the bytes behind all keys. */
 static uint32_t hash_key(const key_table *t, uint64_t h, uint32_t size) {
-    uint32_t at = t->used, i;
-    for (i = 0; i < size && at < RVAFT_KEY_BYTES; i++, at++) {
+    uint32_t at = t->used + KEY_NUMBER, i = 0;
+    h ^= size;
+    for (; i + 8 <= size && HAS_EIGHT(at, RVAFT_KEY_BYTES); i += 8, at += 8) {
+        uint64_t part;
+        memcpy(&part, t->bytes + at, 8);
+        h = (h ^ part) * UINT64_C(0x9E3779B97F4A7C15);
+        h ^= h >> 31;
+    }
+    for (; i < size && at < RVAFT_KEY_BYTES; i++, at++) {
         h = (h ^ (unsigned char)t->bytes[at]) * UINT64_C(0x100000001B3);
         h ^= h >> 29;
     }
-    return mixed(h ^ size);
+    return mixed(h);
 }
 
 /* Whether the bytes of a key are those behind all keys. */
 static int same_key(const key_table *t, const key_state *k) {
-    uint32_t at = t->used, own = k->start, i;
-    for (i = 0; i < k->size && at < RVAFT_KEY_BYTES && own < RVAFT_KEY_BYTES; i++, at++, own++) {
+    uint32_t at = t->used + KEY_NUMBER, own = k->start, i = 0;
+    for (; i + 8 <= k->size && HAS_EIGHT(at, RVAFT_KEY_BYTES) && HAS_EIGHT(own, RVAFT_KEY_BYTES); i += 8, at += 8, own += 8) {
+        uint64_t ours, theirs;
+        memcpy(&ours, t->bytes + own, 8);
+        memcpy(&theirs, t->bytes + at, 8);
+        if (ours != theirs) {
+            return 0;
+        }
+    }
+    for (; i < k->size && at < RVAFT_KEY_BYTES && own < RVAFT_KEY_BYTES; i++, at++, own++) {
         if (t->bytes[at] != t->bytes[own]) {
             return 0;
         }
@@ -1254,11 +1340,11 @@ static int same_key(const key_table *t, const key_state *k) {
     return i == k->size;
 }
 
-/* The number of the key of an event, NONE if it lacks a field or is not finite, or an error in m->error.
-   Equal values of the key have equal bytes. */
-static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
+/* Append the values of a key of an event, of which equal ones have equal bytes. Returns their number, or NONE
+   if it lacks a field or is not finite, or with an error in m->error. */
+static uint32_t append_values(rvaft_monitor *m, const rvaft_event *e) {
     key_table *t = &m->keys;
-    uint32_t i, size = 0, hash, home;
+    uint32_t i, size = 0;
     for (i = 0; i < RVAFT_KEY_FIELDS; i++) {
         const rvaft_value *v = &e->field[key_fields[i][0]];
         char tag;
@@ -1285,26 +1371,151 @@ static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
             return NONE;
         }
     }
-    hash = hash_key(t, m->seed, size);
-    home = hash % RVAFT_KEYS;
-    for (i = t->head[home]; i < RVAFT_KEYS; i = t->item[i].next) {
+    return size;
+}
+
+/* Move the bytes of the keys that are live together. */
+static void gather_keys(key_table *t) {
+    uint32_t from = 0, to = 0;
+    while (from < t->used && from <= RVAFT_KEY_BYTES - KEY_NUMBER) {
+        uint32_t number, end;
+        memcpy(&number, t->bytes + from, sizeof number);
+        end = from + KEY_NUMBER + ROW(t->item, number).size;
+        if (ROW(t->live, number)) {
+            ROW(t->item, number).start = to + KEY_NUMBER;
+            for (; from < end && from < RVAFT_KEY_BYTES && to < RVAFT_KEY_BYTES; from++, to++) {
+                t->bytes[to] = t->bytes[from];
+            }
+        }
+        from = end;
+    }
+    t->used = to;
+}
+
+/* Forget the keys that have detected nothing and of which no event matters any more, by the greatest time of all
+   keys and twice the lateness, if at most some keys are then left; returns whether it is so. */
+static int forget_keys(rvaft_monitor *m, uint32_t most) {
+    key_table *t = &m->keys;
+    uint32_t i, home, kept = 0;
+    const uint64_t before = t->forgotten;
+    int64_t horizon;
+    int some = 0;
+    if (RVAFT_LATE < 0 || t->lasts) {
+        return 0;
+    }
+    for (i = 0; i < t->count && i < RVAFT_KEYS; i++) {
         const key_state *k = &t->item[i];
-        if (k->hash == hash && k->size == size && same_key(t, k)) {
-            return i;
+        if (t->birth[i] != 0 && k->has_latest && (!some || t->newest < k->latest)) {
+            t->newest = k->latest;
+            some = 1;
         }
     }
-    if (t->count >= RVAFT_KEYS) {
-        m->error = RVAFT_FULL;
+    if (!some) {
+        return 0;
+    }
+    memset(t->live, 0, sizeof t->live);
+    mark_keys(m);
+    for (i = 0; i < t->count && i < RVAFT_KEYS; i++) {
+        const key_state *k = &t->item[i];
+        t->live[i] = t->birth[i] != 0 && (t->live[i] || k->found || i == m->key);
+        kept += t->live[i];
+    }
+    if (kept > most) {
+        return 0;
+    }
+    gather_keys(t);
+    memset(t->head, 0xFF, sizeof t->head);
+    t->spare = NONE;
+    for (i = 0; i < t->count && i < RVAFT_KEYS; i++) {
+        key_state *k = &t->item[i];
+        if (t->live[i]) {
+            home = k->hash % RVAFT_KEYS;
+            k->next = t->head[home];
+            t->head[home] = i;
+        } else {
+            t->forgotten += t->birth[i] != 0;
+            t->birth[i] = 0;
+            k->era++;
+            k->has_latest = 0;
+            k->next = t->spare;
+            t->spare = i;
+        }
+    }
+    horizon = t->newest < INT64_MIN + (int64_t)lateness() ? INT64_MIN : t->newest - (int64_t)lateness();
+    t->horizon = before == 0 || horizon > t->horizon ? horizon : t->horizon;
+    t->kept = kept;
+    return 1;
+}
+
+/* A new key of the values behind all keys, or NONE if there is no room. */
+static uint32_t new_key(rvaft_monitor *m, const rvaft_event *e, uint32_t size, uint32_t hash) {
+    key_table *t = &m->keys;
+    uint32_t i = t->spare, home = hash % RVAFT_KEYS;
+    key_state *k;
+    if (i < RVAFT_KEYS) {
+        t->spare = t->item[i].next;
+    } else if (t->count < RVAFT_KEYS) {
+        i = t->count++;
+    } else {
         return NONE;
     }
-    i = t->count++;
-    t->item[i].hash = hash;
-    t->item[i].size = size;
-    t->item[i].start = t->used;
-    t->item[i].next = t->head[home];
+    k = &t->item[i];
+    if (t->used <= RVAFT_KEY_BYTES - KEY_NUMBER) { /* always */
+        memcpy(t->bytes + t->used, &i, KEY_NUMBER);
+    }
+    k->latest = 0;
+    k->has_latest = 0;
+    k->verdict = RVAFT_UNKNOWN;
+    k->found = 0;
+    k->hash = hash;
+    k->size = size;
+    k->start = t->used + KEY_NUMBER;
+    k->next = t->head[home];
     t->head[home] = i;
-    t->used += size;
+    t->used += KEY_NUMBER + size;
+    t->kept++;
+    t->births++;
+    t->birth[i] = t->births;
+    if (t->forgotten != 0 && e->has_time && e->time < t->horizon) {
+        t->early++;
+#if RVAFT_PLACES
+        m->first_early = m->first_early != 0 ? m->first_early : e->at.number;
+#endif
+    }
     return i;
+}
+
+/* The number of the key of an event, or NONE if it has none, or with an error in m->error. */
+static uint32_t key_of(rvaft_monitor *m, const rvaft_event *e) {
+    key_table *t = &m->keys;
+    int again;
+    m->key = NONE;
+    for (again = 0; again < 2; again++) { /* the second time after keys were forgotten */
+        uint32_t size = append_values(m, e), hash, i;
+        if (size == NONE && m->error != RVAFT_FULL) {
+            return NONE;
+        }
+        if (size != NONE && t->used <= RVAFT_KEY_BYTES - KEY_NUMBER - size) {
+            hash = hash_key(t, m->seed, size);
+            for (i = t->head[hash % RVAFT_KEYS]; i < RVAFT_KEYS; i = t->item[i].next) {
+                const key_state *k = &t->item[i];
+                if (k->hash == hash && k->size == size && same_key(t, k)) {
+                    return i;
+                }
+            }
+            i = new_key(m, e, size, hash);
+            if (i < RVAFT_KEYS) {
+                return i;
+            }
+        }
+        m->error = 0;
+        if (!forget_keys(m, (uint32_t)((uint64_t)RVAFT_KEYS * 9 / 10))) {
+            break;
+        }
+    }
+    m->error = RVAFT_FULL;
+    t->full = 1;
+    return NONE;
 }
 
 /* Take over the state of the key of an event; 0 if it has none, or on an error. */
@@ -1328,6 +1539,7 @@ static void leave_key(rvaft_monitor *m) {
     k->has_latest = m->has_latest;
     k->era += m->verdict != k->verdict;
     k->verdict = m->verdict;
+    k->found |= m->verdict != RVAFT_UNKNOWN;
 }
 
 #endif
@@ -1389,4 +1601,5 @@ RVAFT_API int rvaft_finish(rvaft_monitor *m) {
 
 #endif
 
+/* @bytes */
 /* @state */

@@ -19,7 +19,7 @@ CAPACITY: Final = 1024
 class StageWriter(Writer):
     """Writes stages, and their moves."""
 
-    runtime: ClassVar[str] = "stages.c"
+    runtime: ClassVar[tuple[str, ...]] = ("stages.c",)
 
     def __init__(
         self,
@@ -218,7 +218,8 @@ class StageWriter(Writer):
         made += [WORD, WORD] if self._absences else []
         made += [LONG] if self._waits else []
         if self._remembered:
-            past = laid_out(WORD, WORD, *([WORD] if self._key else []), LONG, times(CELL, max(1, self._past_width)))
+            owner = [WORD, LONG] if self._key else []
+            past = laid_out(WORD, WORD, *owner, LONG, times(CELL, max(1, self._past_width)))
             number = self._capacity if self._past_width else len(self._remembered)
             made += [WORD, WORD, times(WORD, self._buckets), times(past, number)]
         return made

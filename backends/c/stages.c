@@ -40,6 +40,7 @@ typedef struct past {
     uint32_t number; /* in all_remembered */
 #if RVAFT_KEYED
     uint32_t key;
+    uint64_t birth; /* of the key: its place may be that of another one */
 #endif
     int64_t latest;
     cell slot[RVAFT_PAST_WIDTH];
@@ -157,6 +158,18 @@ typedef struct remembered {
 #endif
 
 /* @marks */
+#if RVAFT_KEYED
+#define KEY_OF(p) ((p)->key)
+#define CURRENT_KEY(m) ((m)->key)
+#define is_void(m, p) ((p)->key < RVAFT_KEYS && (m)->keys.item[(p)->key].era != (p)->era)
+#define is_forgotten(m, p) ((p)->key < RVAFT_KEYS && (m)->keys.birth[(p)->key] != (p)->birth)
+#else
+#define KEY_OF(p) NONE
+#define CURRENT_KEY(m) NONE
+#define is_void(m, p) 0
+#define is_forgotten(m, p) 0
+#endif
+
 static const stage *stage_of(const partial *p) { return &ROW(stages, p->stage); }
 
 static const cell *slot_of(const partial *p, uint32_t n) { return &ROW(p->slot, n); }
@@ -167,14 +180,14 @@ static void mark_texts(rvaft_monitor *m) {
     for (s = 0; s < RVAFT_STORES; s++) {
         for (i = 0; i < m->stores[s].count && i < RVAFT_CAPACITY; i++) {
             const partial *p = &m->stores[s].item[i];
-            for (k = 0; k < stage_of(p)->slots; k++) {
+            for (k = 0; k < stage_of(p)->slots && !is_void(m, p); k++) {
                 mark_text(&m->texts, slot_of(p, k));
             }
         }
     }
 #if RVAFT_REMEMBERED
     for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
-        for (k = 0; k < RVAFT_PAST_WIDTH; k++) {
+        for (k = 0; k < RVAFT_PAST_WIDTH && !is_forgotten(m, &m->past[i]); k++) {
             mark_text(&m->texts, &m->past[i].slot[k]);
         }
     }
@@ -198,18 +211,6 @@ static void clear_store(store *s) {
         s->epoch = 1;
     }
 }
-
-#if RVAFT_KEYED
-#define KEY_OF(p) ((p)->key)
-#define CURRENT_KEY(m) ((m)->key)
-static int is_void(const rvaft_monitor *m, const partial *p) {
-    return p->key < RVAFT_KEYS && m->keys.item[p->key].era != p->era;
-}
-#else
-#define KEY_OF(p) NONE
-#define CURRENT_KEY(m) NONE
-#define is_void(m, p) 0
-#endif
 
 #if RVAFT_ABSENCES
 #define IS_BROKEN(p) ((p)->ended != 0)
@@ -395,15 +396,10 @@ static int agrees(rvaft_monitor *m, const partial *p, const move *mv, const rvaf
 }
 
 #if RVAFT_REMEMBERED
-static int has_expired(const rvaft_monitor *m, const past *one) {
+static int has_expired(int64_t latest, uint64_t latenesses, const past *one) {
     int64_t most = ROW(all_remembered, one->number).most;
-#if RVAFT_KEYED
-    int64_t latest = ROW(m->keys.item, one->key).latest;
-#else
-    int64_t latest = m->latest;
-#endif
     return RVAFT_LATE >= 0 && most >= 0 && latest > one->latest &&
-           (uint64_t)latest - (uint64_t)one->latest > (uint64_t)most + (uint64_t)RVAFT_LATE;
+           (uint64_t)latest - (uint64_t)one->latest > (uint64_t)most + latenesses * lateness();
 }
 
 static uint64_t past_hash(uint32_t number) { return ((uint64_t)number + 1) * UINT64_C(0x9E3779B97F4A7C15); }
@@ -418,7 +414,12 @@ static void forget_past(rvaft_monitor *m) {
     uint32_t i, k, kept = 0;
     memset(m->past_head, 0, sizeof m->past_head);
     for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
-        if (!has_expired(m, &m->past[i])) {
+#if RVAFT_KEYED
+        int64_t latest = ROW(m->keys.item, m->past[i].key).latest;
+#else
+        int64_t latest = m->latest;
+#endif
+        if (!has_expired(latest, 1, &m->past[i]) && !is_forgotten(m, &m->past[i])) {
             past moved = m->past[i];
             uint64_t h = past_hash(moved.number);
             uint32_t *head, joined = ROW(all_remembered, moved.number).joined;
@@ -454,6 +455,7 @@ static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number)
     made.latest = e->has_time ? e->time : 0;
 #if RVAFT_KEYED
     made.key = m->key;
+    made.birth = ROW(m->keys.birth, m->key);
 #endif
     for (k = 0; k < r->fields && k < RVAFT_PAST_WIDTH; k++) {
         made.slot[k] = *cell_of(m, e, ROW(link_slots, r->field + k), 1);
@@ -472,7 +474,7 @@ static void remember_as(rvaft_monitor *m, const rvaft_event *e, uint32_t number)
         past *other = &m->past[at - 1];
         int equal = other->number == number;
 #if RVAFT_KEYED
-        equal = equal && other->key == m->key;
+        equal = equal && other->key == m->key && !is_forgotten(m, other);
 #endif
         for (k = 0; equal && k < r->fields && k < RVAFT_PAST_WIDTH; k++) {
             equal = same_cell(&made.slot[k], &other->slot[k]);
@@ -518,7 +520,7 @@ static int has_come(rvaft_monitor *m, const recall *r, const partial *p, const r
         const past *one = &m->past[at - 1];
         int equal = one->number == r->number;
 #if RVAFT_KEYED
-        equal = equal && one->key == m->key;
+        equal = equal && one->key == m->key && !is_forgotten(m, one);
 #endif
         for (k = 0; equal && k < kind->joined && k < RVAFT_PAST_WIDTH; k++) {
             equal = wanted[k] != NULL && same_cell(&one->slot[k], wanted[k]);
@@ -604,36 +606,58 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
 #if RVAFT_SCATTERED
 
 #if RVAFT_EXPIRIES
-static int expired(const rvaft_monitor *m, const partial *p) {
+/* Whether no later event can complete a partial match in time, by the greatest time so far. */
+static int expired(int64_t latest, uint64_t latenesses, const partial *p) {
     const stage *st = stage_of(p);
     uint32_t i;
     for (i = 0; i < st->expires; i++) {
         const expiry *x = &ROW(expiries, st->expiry + i);
         int64_t from = slot_of(p, x->slot)->bits;
-#if RVAFT_KEYED
-        int64_t latest = ROW(m->keys.item, p->key).latest; /* with slots it has a key */
-#else
-        int64_t latest = m->latest;
-#endif
-        if (latest > from && (uint64_t)latest - (uint64_t)from > (uint64_t)x->most + (uint64_t)RVAFT_LATE) {
+        if (latest > from && (uint64_t)latest - (uint64_t)from > (uint64_t)x->most + latenesses * lateness()) {
             return 1;
         }
     }
     return 0;
 }
+#else
+#define expired(latest, latenesses, p) 0
 #endif
 
-/* Remove the partial matches that no further event can complete in time, and adapt the number of
-   buckets; again when there are twice as many, so that the work per event stays bounded. */
-static void sweep(rvaft_monitor *m, store *s) {
+#if RVAFT_KEYED
+/* Mark the keys with a partial match, or an event that may not come before one, that still matters by the
+   greatest time of all keys. */
+static void mark_keys(rvaft_monitor *m) {
+    const store *s = &m->stores[0];
+    uint32_t i;
+    for (i = 0; i < s->count && i < RVAFT_CAPACITY; i++) {
+        const partial *p = &s->item[i];
+        if (p->key < RVAFT_KEYS && !is_void(m, p) && !IS_BROKEN(p) && !expired(m->keys.newest, 2, p)) {
+            m->keys.live[p->key] = 1;
+        }
+    }
+#if RVAFT_REMEMBERED
+    for (i = 0; i < m->pasts && i < RVAFT_PAST; i++) {
+        if (!is_forgotten(m, &m->past[i]) && !has_expired(m->keys.newest, 2, &m->past[i])) {
+            ROW(m->keys.live, m->past[i].key) = 1;
+        }
+    }
+#endif
+}
+#endif
+
+/* Remove the partial matches that no further event can complete; returns how many are left. */
+static uint32_t drop_partials(rvaft_monitor *m, store *s) {
     uint32_t i, kept = 0, count = s->count;
     for (i = 0; i < count && i < RVAFT_CAPACITY; i++) {
-#if RVAFT_EXPIRIES
-        if (m->has_latest && expired(m, &s->item[i])) {
-            continue;
-        }
+        const partial *p = &s->item[i];
+#if RVAFT_KEYED
+        const int64_t latest = ROW(m->keys.item, p->key).latest; /* with slots it has a key */
+#else
+        const int64_t latest = m->latest;
 #endif
-        if (is_void(m, &s->item[i]) || IS_BROKEN(&s->item[i])) {
+        (void)latest;
+        (void)p;
+        if ((m->has_latest && expired(latest, 1, p)) || is_void(m, p) || IS_BROKEN(p)) {
             continue;
         }
         if (kept < i) {
@@ -642,6 +666,20 @@ static void sweep(rvaft_monitor *m, store *s) {
         }
         kept++;
     }
+    s->count = kept;
+    return kept;
+}
+
+/* Remove the partial matches that no further event can complete in time, and adapt the number of
+   buckets; again when there are twice as many, so that the work per event stays bounded. Keys are
+   forgotten rather than that there is no room. */
+static void sweep(rvaft_monitor *m, store *s) {
+    uint32_t i, kept = drop_partials(m, s);
+#if RVAFT_KEYED
+    if (kept > RVAFT_CAPACITY - RVAFT_CAPACITY / 8 && forget_keys(m, RVAFT_KEYS)) {
+        kept = drop_partials(m, s);
+    }
+#endif
     while (s->mask < RVAFT_BUCKETS - 1 && s->mask < 4 * kept) {
         s->mask = s->mask * 2 + 1;
     }
@@ -680,11 +718,6 @@ static uint64_t hash_of_move(rvaft_monitor *m, const move *mv, const rvaft_event
 static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count) {
     store *s = &m->stores[0];
     uint32_t cursor[RVAFT_PATTERNS] = {0}, i;
-#if !RVAFT_ABSENCES
-    if (s->count > m->sweep_at) {
-        sweep(m, s);
-    }
-#endif
     for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
         cursor[i] = ROW(pattern_moves, matched[i]);
     }
@@ -867,25 +900,67 @@ static int decide(rvaft_monitor *m, store *s, int64_t time) {
 }
 #endif
 
-/* The verdict after an event: it decides clauses, breaks partial matches, and extends those before it. */
-/*@ assigns *m; */
-static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
-    uint8_t matches[RVAFT_PATTERNS] = {0};
-    int verdict = RVAFT_UNKNOWN;
-    store *s = &ROW(m->stores, m->now);
+#endif
+
+/* @follow */
 #if RVAFT_SCATTERED
-    uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0, i;
-    if (s->count > m->sweep_at || (m->ended && s->count > RVAFT_CAPACITY - RVAFT_CAPACITY / 4)) {
-        sweep(m, s);
+/* Whether there are so many partial matches that those of no use should be removed. */
+static int is_crowded(const rvaft_monitor *m, const store *s) {
+#if RVAFT_ABSENCES
+    if (m->ended && s->count > RVAFT_CAPACITY - RVAFT_CAPACITY / 4) {
+        return 1;
     }
 #endif
+    return s->count > m->sweep_at;
+}
+#endif
+
+/* The verdict after an event: it decides clauses, breaks partial matches, and extends those before it. */
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e);
+    assigns *m; */
+static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
+    uint8_t matches[RVAFT_PATTERNS];
+    int verdict = RVAFT_UNKNOWN;
+    uint32_t i;
+#if RVAFT_ABSENCES
+    store *s = &ROW(m->stores, m->now);
+#endif
+#if RVAFT_SCATTERED
+    uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0;
+#endif
+#if RVAFT_PROJECTS && !RVAFT_ABSENCES
+    if (late || !relevant(&m->error, e)) {
+        return RVAFT_UNKNOWN;
+    }
+#endif
+    if (late) {
+        /*@ loop invariant 0 <= i <= RVAFT_PATTERNS;
+            loop assigns i, matches[0 .. RVAFT_PATTERNS - 1];
+            loop variant RVAFT_PATTERNS - i; */
+        for (i = 0; i < RVAFT_PATTERNS; i++) {
+            matches[i] = 0;
+        }
+    } else {
+        match(matches, e);
+    }
+#if RVAFT_SCATTERED
+    /*@ loop invariant 0 <= count <= i <= RVAFT_PATTERNS;
+        loop assigns i, count, matched[0 .. RVAFT_PATTERNS - 1];
+        loop variant RVAFT_PATTERNS - i; */
+    for (i = 0; i < RVAFT_PATTERNS; i++) {
+        if (matches[i]) {
+            matched[count++] = i;
+        }
+    }
+    if ((RVAFT_ABSENCES || count != 0) && is_crowded(m, &m->stores[0])) {
+        sweep(m, &m->stores[0]);
+    }
+#endif
+#if RVAFT_ABSENCES
     m->tick++;
     if (m->tick == 0) {
         rebuild(m, s);
         m->tick = 1;
-    }
-    if (!late) {
-        match(matches, e);
     }
 #if RVAFT_WAITS
     if (e->has_time && decide(m, s, e->time)) {
@@ -895,17 +970,13 @@ static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
     if (verdict == RVAFT_UNKNOWN && !late) {
         break_open(m, s, e, matches);
     }
+#endif
 #if RVAFT_SCATTERED
-    for (i = 0; i < RVAFT_PATTERNS; i++) {
-        if (matches[i]) {
-            matched[count++] = i;
-        }
-    }
     if (verdict == RVAFT_UNKNOWN && m->error == 0 && count != 0 && scattered(m, e, matched, count)) {
         verdict = RVAFT_TRUE;
     }
 #else
-#if RVAFT_PROJECTS
+#if RVAFT_PROJECTS && RVAFT_ABSENCES
     if (late || !relevant(&m->error, e)) {
         if (m->ended) {
             rebuild(m, s);
@@ -933,105 +1004,6 @@ static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
     return verdict;
 }
 
-#endif
-
-/* @begin */
-static void begin(rvaft_monitor *m) {
-    m->sweep_at = RVAFT_CAPACITY < 2 * FEW ? RVAFT_CAPACITY - RVAFT_CAPACITY / 8 : 2 * FEW;
-    m->now = 0;
-#if RVAFT_ABSENCES
-    m->ended = 0;
-#endif
-#if RVAFT_WAITS
-    m->earliest = INT64_MAX;
-#endif
-    clear_store(&m->stores[0]);
-    insert_starts(m, &m->stores[0]);
-}
-
-/* @step */
-/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
-    assigns *m;
-    ensures sound(m) && \result == outcome(m);
-    behavior final:
-        assumes outcome(m) != RVAFT_UNKNOWN;
-        assigns \nothing;
-        ensures \result == \old(outcome(m)); */
-static int step(rvaft_monitor *m, const rvaft_event *e) {
-#if !RVAFT_ABSENCES
-    uint8_t matches[RVAFT_PATTERNS];
-#endif
-    int late, verdict = RVAFT_UNKNOWN;
-    uint32_t i;
-    if (m->error != 0) {
-        return m->error;
-    }
-    if (m->verdict != RVAFT_UNKNOWN) {
-        return m->verdict;
-    }
-    /*@ loop invariant 0 <= i <= RVAFT_FIELDS;
-        loop assigns i, m->known[0 .. RVAFT_FIELDS - 1];
-        loop variant RVAFT_FIELDS - i; */
-    for (i = 0; i < RVAFT_FIELDS; i++) {
-        if (e->field[i].tag == RVAFT_BIG && e->field[i].text == NULL) { /* a double of more than 64 bits */
-            m->error = RVAFT_UNSUPPORTED;
-            return m->error;
-        }
-        m->known[i] = 0;
-    }
-    late = is_late(m, e);
-#if RVAFT_ABSENCES
-    verdict = follow(m, e, late);
-#else
-#if RVAFT_PROJECTS
-    if (late || !relevant(&m->error, e)) {
-        return decided(m, RVAFT_UNKNOWN);
-    }
-#endif
-#if RVAFT_SCATTERED
-    if (!late) {
-        uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0;
-        match(matches, e);
-        /*@ loop invariant 0 <= count <= i <= RVAFT_PATTERNS;
-            loop assigns i, count, matched[0 .. RVAFT_PATTERNS - 1];
-            loop variant RVAFT_PATTERNS - i; */
-        for (i = 0; i < RVAFT_PATTERNS; i++) {
-            if (matches[i]) {
-                matched[count++] = i;
-            }
-        }
-        if (count != 0 && scattered(m, e, matched, count)) {
-            verdict = RVAFT_TRUE;
-        }
-    }
-#else
-    if (late) {
-        /*@ loop invariant 0 <= i <= RVAFT_PATTERNS;
-            loop assigns i, matches[0 .. RVAFT_PATTERNS - 1];
-            loop variant RVAFT_PATTERNS - i; */
-        for (i = 0; i < RVAFT_PATTERNS; i++) {
-            matches[i] = 0;
-        }
-    } else {
-        match(matches, e);
-    }
-    if (replaced(m, e, matches)) {
-        verdict = RVAFT_TRUE;
-    }
-#if RVAFT_CONSECUTIVE
-    if (verdict == RVAFT_UNKNOWN && m->error == 0) {
-        insert_starts(m, &ROW(m->stores, m->now));
-    }
-#else
-    if (verdict == RVAFT_UNKNOWN && ROW(m->stores, m->now).count == 0) {
-        verdict = RVAFT_FALSE;
-    }
-#endif
-#endif
-#endif
-    return decided(m, verdict);
-}
-
 #if RVAFT_WAITS
 /* Whether a match is complete at the end of the trace. */
 static int is_whole(rvaft_monitor *m) {
@@ -1052,6 +1024,20 @@ static int is_whole(rvaft_monitor *m) {
 /* Whether a match is complete after a time. */
 static int is_decided(rvaft_monitor *m, int64_t time) { return decide(m, &ROW(m->stores, m->now), time); }
 #endif
+
+/* @begin */
+static void begin(rvaft_monitor *m) {
+    m->sweep_at = RVAFT_CAPACITY < 2 * FEW ? RVAFT_CAPACITY - RVAFT_CAPACITY / 8 : 2 * FEW;
+    m->now = 0;
+#if RVAFT_ABSENCES
+    m->ended = 0;
+#endif
+#if RVAFT_WAITS
+    m->earliest = INT64_MAX;
+#endif
+    clear_store(&m->stores[0]);
+    insert_starts(m, &m->stores[0]);
+}
 
 /* @state */
 static uint32_t size_of_cell(const rvaft_monitor *m, const cell *c) {

@@ -19,7 +19,10 @@ from rvaft.model.verdict import Semantics
 
 _KEYS: Final = 1024
 """The default number of values of a key."""
+_KEY_BYTES: Final = 68
+"""The default number of bytes for each value of a key."""
 _FILES: Final = ("runtime.c", "json.c", "program.c")
+_SECTION: Final = re.compile(r"^/\* @(\w+) \*/\n", re.MULTILINE)
 _INDENT: Final = "   "
 _BUCKETS: Final = range(6, 23)
 _SCALES: Final[Mapping[TimeFormat, int]] = {
@@ -101,8 +104,8 @@ CELL: Final = (16, 8)
 class Writer(ABC):
     """Writes the tables of a property between the parts of the runtime."""
 
-    runtime: ClassVar[str]
-    """The file with the sections of the runtime that depend on the tables."""
+    runtime: ClassVar[tuple[str, ...]]
+    """The files with the sections of the runtime that depend on the tables."""
 
     def __init__(
         self, prop: Property, semantics: Semantics, key: Sequence[KeyField], counted: EventTests | None
@@ -133,7 +136,12 @@ class Writer(ABC):
     @property
     @abstractmethod
     def _capacity(self) -> int:
-        """The default number of partial matches; 0 if it is fixed, and values are not kept."""
+        """The default number of partial matches; 0 if it is fixed."""
+
+    @property
+    def _named(self) -> bool:
+        """Whether values are kept."""
+        return bool(self._capacity)
 
     @property
     @abstractmethod
@@ -165,9 +173,9 @@ class Writer(ABC):
         counting = "" if self._counted is None else self._count_tests(self._counted)
         time = self._time()
         runtime, *others = (_file(name) for name in _FILES)
-        sections = {**_sections(_file(self.runtime)), "tables": f"{tables}{relevance}{counting}{time}"}
-        for name, section in sections.items():
-            runtime = runtime.replace(f"/* @{name} */\n", section)
+        sections = [_sections(_file(name)) for name in self.runtime]
+        sections.append({"tables": f"{tables}{relevance}{counting}{time}"})
+        runtime = _SECTION.sub(lambda found: "".join(some.get(found[1], "") for some in sections), runtime)
         code = "\n".join((f"{self._title()}{self._config()}{runtime}", *others))
         return WrittenMonitor(f"{comment(self._observing(), code)}{code}", *self._counts)
 
@@ -189,10 +197,11 @@ class Writer(ABC):
         fields = max(1, len(self._fields.paths))
         made = [LONG, LONG, times(WORD, 4)]
         if self._key:
-            state = laid_out(LONG, times(WORD, 7))
-            made += [WORD, laid_out(WORD, WORD, times(WORD, _KEYS), times(state, _KEYS), times(BYTE, 64 * _KEYS))]
+            state = laid_out(LONG, times(WORD, 8))
+            table = times(WORD, _KEYS), times(state, _KEYS), times(LONG, _KEYS), times(BYTE, (1 + _KEY_BYTES) * _KEYS)
+            made += [WORD, laid_out(times(LONG, 5), times(WORD, 6), *table)]
         made += self._members()
-        if self._capacity:
+        if self._named:
             number = self._texts * self._capacity or 1
             content = 32 * number if self._texts else 8
             words = times(WORD, 4 + self._buckets + 4 * number)
@@ -202,14 +211,16 @@ class Writer(ABC):
     def _config(self) -> str:
         late = self.late
         defaults: dict[str, object] = {"SCRATCH": "65536U", "JSON": 1, "MAIN": 0, "PLACES": 0}
-        if self._capacity:
+        capacity = {"CAPACITY": self._capacity} if self._capacity else {}
+        if self._named:
             number = f"({self._texts}U * RVAFT_CAPACITY)" if self._texts > 1 else "RVAFT_CAPACITY"
             texts = (
                 {"TEXTS": number, "TEXT_BYTES": "(32U * RVAFT_TEXTS)"} if self._texts else {"TEXTS": 1, "TEXT_BYTES": 8}
             )
-            defaults = {"CAPACITY": self._capacity, **texts, **defaults}
+            defaults = {**texts, **defaults}
+        defaults = {**capacity, **defaults}
         if self._key:
-            defaults |= {"KEYS": _KEYS, "KEY_BYTES": "(64U * RVAFT_KEYS)"}
+            defaults |= {"KEYS": _KEYS, "KEY_BYTES": f"({_KEY_BYTES}U * RVAFT_KEYS)"}
         defaults["API"] = ""
         fixed = {
             **self._sizes(),
@@ -217,17 +228,17 @@ class Writer(ABC):
             "PATTERNS": max(1, len(self._tests)),
             "LATE": "(-1)" if late is None else f"INT64_C({late})",
             "TIMED": int(self._prop.time is not None),
-            "NAMED": int(bool(self._capacity)),
+            "NAMED": int(self._named),
             "KEYED": int(bool(self._key)),
             "COUNTED": int(self._counted is not None),
             **({"KEY_FIELDS": len(self._key)} if self._key else {}),
         }
         lines = [f"#ifndef RVAFT_{name}\n#define RVAFT_{name} {value}\n#endif\n" for name, value in defaults.items()]
         lines += [f"#define RVAFT_{name} {value}\n" for name, value in fixed.items()]
-        for bits in _BUCKETS if self._capacity else ():
+        for bits in _BUCKETS if self._named else ():
             word = "if" if bits == _BUCKETS[0] else "elif"
             lines.append(f"#{word} RVAFT_CAPACITY <= {1 << bits - 1}\n#define RVAFT_BUCKETS {1 << bits}U\n")
-        lines += [f"#else\n#define RVAFT_BUCKETS {1 << _BUCKETS[-1] + 1}U\n#endif\n"] if self._capacity else []
+        lines += [f"#else\n#define RVAFT_BUCKETS {1 << _BUCKETS[-1] + 1}U\n#endif\n"] if self._named else []
         return "".join([*lines, "\n"])
 
     def _pattern(self, pattern: Pattern) -> int:
@@ -355,7 +366,7 @@ def _file(name: str) -> str:
 
 def _sections(text: str) -> dict[str, str]:
     """Return the sections of a file by name."""
-    _, *found = re.split(r"^/\* @(\w+) \*/\n", text, flags=re.MULTILINE)
+    _, *found = _SECTION.split(text)
     return {name: body.rstrip("\n") + "\n\n" for name, body in zip(found[::2], found[1::2], strict=True)}
 
 

@@ -6,7 +6,7 @@ from backends.c.stage_text import StageWriter
 from backends.c.stages import StageTable, TableStage, stages_of
 from backends.c.text import EventTests, KeyField, WrittenMonitor
 from backends.c.unit_tables import UnitTables, tables_of
-from backends.c.unit_text import UnitWriter
+from backends.c.unit_text import FrontWriter, UnitWriter
 from rvaft.core.passes import Pass, decide_constants, expand_times, order_ends, simplify, windows_to_guards
 from rvaft.core.property import Property
 from rvaft.engine.units import units
@@ -33,7 +33,8 @@ def translation(
     if key and semantics is not Semantics.SCATTERED:
         raise NotExpressible(unwritten("a key of the events needs `scattered`"))
     if semantics is Semantics.SCATTERED and (apart := _unit_tables(prop, limit)) is not None:
-        return UnitWriter(prop, apart, key, counted).written()
+        writer = FrontWriter if apart.fronts else UnitWriter
+        return writer(prop, apart, key, counted).written()
     if key and any(part.side is Side.AFTER for part in prop.absences):
         raise NotExpressible(unwritten("a key of the events beside `without … for D after`, which all keys decide"))
     for each in _PASSES:
@@ -48,14 +49,12 @@ def translation(
 def _unit_tables(prop: Property, limit: int) -> UnitTables | None:
     """Return the tables of the units of a property.
 
-    None is returned if it has joins or counts different values, or times may decrease within a window. Where
-    an instance has more than `limit` starts of matches, the stages are as many.
+    None is returned if it has joins or counts different values. Where an instance keeps more than `limit` starts
+    of matches, the stages are as many.
     """
-    found = units(prop) if prop.feasible else None
+    found = units(prop, branches=False) if prop.feasible else None
     if found is None or any(unit.distinct for unit in found):
         return None
     late = None if prop.time is None else prop.time.late
-    if any(unit.timed for unit in found) and late != 0:
-        return None
-    made = tables_of(found)
+    made = tables_of(found, fronts=late != 0 and any(unit.timed for unit in found))
     return made if made.starts <= limit else None

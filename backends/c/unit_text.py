@@ -1,11 +1,11 @@
-"""The writer of C for units: no partial matches, but for each node the match that starts last."""
+"""The writers of C for units: for each node the match that starts last, or a front of matches."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import ClassVar, Final
 
 from backends.c.events import expression
 from backends.c.text import CELL, LONG, WORD, EventTests, KeyField, Writer, array, laid_out, rows, times
-from backends.c.unit_tables import NEVER, NONE, PlacedLeaf, UnitTables
+from backends.c.unit_tables import NONE, PlacedLeaf, UnitTables, duration
 from rvaft.core.passes import expand_times
 from rvaft.core.property import Property
 from rvaft.model.guards import Guard
@@ -22,7 +22,7 @@ _ROOM: Final = 16
 class UnitWriter(Writer):
     """Writes nodes and leaves."""
 
-    runtime: ClassVar[str] = "units.c"
+    runtime: ClassVar[tuple[str, ...]] = ("starts.c", "units.c")
 
     def __init__(self, prop: Property, found: UnitTables, key: Sequence[KeyField], counted: EventTests | None) -> None:
         super().__init__(prop, Semantics.SCATTERED, key, counted)
@@ -42,15 +42,12 @@ class UnitWriter(Writer):
             bound = self._bound[pattern]
             leaves.append(self._leaf(one, pattern, self._guard(one.leaf.guard, bound), len(names)))
             names += [str(bound[name]) for name in one.names]
-        kinds = (
-            f"{{{kind.names}, {kind.slots}, {NEVER if kind.window is None else f'UINT64_C({kind.window})'}}}"
-            for kind in self._found.kinds
-        )
+        kinds = (f"{{{kind.names}, {kind.slots}, {duration(kind.window)}}}" for kind in self._found.kinds)
         made = (
             rows("node", "nodes", self._found.nodes, self._found.names),
             rows("leaf", "leaves", leaves, (one.leaf.source for one in self._found.leaves)),
-            array("kind", "kinds", [*kinds]),
-            array("uint32_t", "names", names or ["0"]) if self._capacity else "",
+            array("kind", "kinds", [*kinds]) if self._named or not self._found.fronts else "",
+            array("uint32_t", "names", names or ["0"]) if self._named else "",
             self._key_fields(),
         )
         unused = ("    (void)error;\n    (void)e;\n",)
@@ -58,8 +55,9 @@ class UnitWriter(Writer):
 
     def _leaf(self, one: PlacedLeaf, pattern: int, guard: int, names: int) -> str:
         after = NONE if one.after is None else one.after
-        counted = f"{one.kind}, {one.leaf.number}, {one.ring}, {one.room}, {int(one.leaf.timed)}, {int(one.settled)}"
-        return f"{{{one.node}, {one.unit}, {pattern}, {guard}, {after}, {one.levels}, {names}, {counted}}}"
+        counted = f"{one.kind}, {one.leaf.number}, {one.ring}, {int(one.leaf.timed)}, {int(one.settled)}"
+        more = "" if self._found.fronts else f", {one.levels}, {one.room}"
+        return f"{{{one.node}, {one.unit}, {pattern}, {guard}, {after}, {names}, {counted}{more}}}"
 
     def _guard(self, guard: Guard | None, bound: Mapping[str, int]) -> int:
         """Return the number of a guard, 0 for none."""
@@ -73,7 +71,11 @@ class UnitWriter(Writer):
 
     @property
     def _capacity(self) -> int:
-        return CAPACITY if self._key or self._texts else 0
+        return CAPACITY if self._named else 0
+
+    @property
+    def _named(self) -> bool:
+        return bool(self._key or self._texts)
 
     @property
     def _texts(self) -> int:
@@ -86,7 +88,7 @@ class UnitWriter(Writer):
 
     @property
     def _instances(self) -> int:
-        return -(-self._capacity // self._share) or len(self._found.kinds)
+        return -(-self._capacity // self._share) if self._named else len(self._found.kinds)
 
     def _summary(self) -> str:
         nodes, leaves = self._counts
@@ -101,16 +103,19 @@ class UnitWriter(Writer):
         )
 
     def _members(self) -> Iterable[tuple[int, int]]:
-        timed = self._found.timed
         named: list[tuple[int, int]] = []
-        if self._capacity:
+        if self._named:
             named = [WORD, WORD, *([WORD, WORD] if self._key else []), *([LONG] if self._expiring else [])]
             named.append(times(CELL, self._most("names")))
-        start = laid_out(LONG, *([LONG] if timed else []))
-        ring = laid_out(WORD, WORD)
-        rest = times(WORD, self._most("order")), times(ring, self._most("rings")), times(start, self._most("starts"))
-        table = [times(WORD, 6 + self._buckets)] if self._capacity else []
-        return [LONG, laid_out(*table, times(laid_out(*named, *rest), self._instances + 1))]
+        table = [times(WORD, 6 + self._buckets)] if self._named else []
+        return [LONG, laid_out(*table, times(laid_out(*named, self._kept), self._instances + 1))]
+
+    @property
+    def _kept(self) -> tuple[int, int]:
+        """The layout of what an instance keeps."""
+        start = laid_out(LONG, *([LONG] if self._found.timed else []))
+        ring = times(laid_out(WORD, WORD), self._most("rings"))
+        return laid_out(times(WORD, self._most("order")), ring, times(start, self._most("starts")))
 
     def _most(self, what: str) -> int:
         found: Iterable[int] = (getattr(kind, what) for kind in self._found.kinds)
@@ -119,16 +124,16 @@ class UnitWriter(Writer):
     @property
     def _expiring(self) -> bool:
         windows = any(kind.window is not None for kind in self._found.kinds)
-        return bool(self._capacity) and self.late is not None and windows
+        return self._named and self.late is not None and windows
 
     def _sizes(self) -> Mapping[str, object]:
         found = self._found
         share = self._share
         shared = "RVAFT_CAPACITY" if share == 1 else f"((RVAFT_CAPACITY + {share - 1}U) / {share}U)"
-        instances = shared if self._capacity else len(found.kinds)
         needed = self._most("events") + 4 * found.depth + found.levels + 8
-        room = min(needed, _ROOM * self._share) if self._capacity else needed
+        room = min(needed, _ROOM * self._share) if self._named else needed
         return {
+            "FRONTS": 0,
             "WINDOWS": int(found.timed),
             "WAITS": 0,
             "EXPIRIES": int(self._expiring),
@@ -142,6 +147,44 @@ class UnitWriter(Writer):
             "STARTS": self._most("starts"),
             "RINGS": self._most("rings"),
             "ORDER": self._most("order"),
-            "INSTANCES": instances,
+            "INSTANCES": shared if self._named else len(found.kinds),
             "EVENTS": f"({room}U * RVAFT_INSTANCES + {needed}U)",
         }
+
+
+class FrontWriter(UnitWriter):
+    """Writes nodes and leaves where times may decrease within a window."""
+
+    runtime: ClassVar[tuple[str, ...]] = ("fronts.c", "units.c")
+
+    @property
+    def _capacity(self) -> int:
+        return CAPACITY
+
+    def _summary(self) -> str:
+        named, within = (
+            super()._summary(),
+            "   Partial matches: RVAFT_CAPACITY, of which none of a node lies within another.\n",
+        )
+        first, found, _, *others = named.splitlines(keepends=True)
+        return "".join((first, found, within, *others))
+
+    @property
+    def _kept(self) -> tuple[int, int]:
+        ring = times(WORD, 5 * self._most("rings"))
+        return laid_out(times(WORD, 2 * self._most("slots")), ring)
+
+    def _members(self) -> Iterable[tuple[int, int]]:
+        span = laid_out(times(LONG, 4), WORD, WORD)
+        return [laid_out(times(WORD, 4), times(span, self._capacity)), *super()._members()]
+
+    def _sizes(self) -> Mapping[str, object]:
+        found = self._found
+        needed = 8 * found.depth + 64
+        own = {
+            "FRONTS": self._most("slots"),
+            "NEED": found.need,
+            "SIBLINGS": found.siblings,
+            "EVENTS": f"({min(2 * found.depth + 4, _ROOM)}U * RVAFT_CAPACITY + {needed}U)",
+        }
+        return {**super()._sizes(), **own}

@@ -1,27 +1,6 @@
 /* @types */
-/* The first event of a match, and where places are kept, all its events. */
-typedef struct match_start {
-    uint64_t first; /* its number, or 0 for no match */
-#if RVAFT_WINDOWS
-    int64_t time;
-#endif
-#if RVAFT_PLACES
-    uint32_t events;
-#endif
-} match_start;
-
-/* The last events of a leaf with `times`. */
-typedef struct ring {
-    uint32_t next; /* the place of the next event, and of the oldest one if the ring is full */
-    uint32_t full;
-#if RVAFT_PLACES
-    uint32_t recent; /* the events since the place was 0 */
-#endif
-} ring;
-
-/* What is known of the events with one value of the key of a unit: for each node the match that starts
-   last, with the matches that had to be complete before its first event, innermost first. The events
-   of a leaf with `times` and variables of its own are an instance, too. */
+/* What is known of the events with one value of the key of a unit. The events of a leaf with `times` and
+   variables of its own are an instance, too. */
 typedef struct instance {
 #if RVAFT_NAMED
     uint32_t next;
@@ -35,9 +14,7 @@ typedef struct instance {
 #endif
     cell name[RVAFT_NAMES];
 #endif
-    uint32_t order[RVAFT_ORDER]; /* the nodes below each gate without order, the last start first */
-    ring rings[RVAFT_RINGS];
-    match_start starts[RVAFT_STARTS];
+    kept kept;
 } instance;
 
 typedef struct instance_table {
@@ -54,12 +31,16 @@ typedef struct instance_table {
 } instance_table;
 
 #if RVAFT_PLACES
-/* Events of matches: one, or those of two others. Numbers are places in the table, plus 1. */
+/* Events of matches: one, or those of two others. Or the last ones of a chain, of which each link has an event
+   and refers to the link before. Numbers are places in the table, plus 1. */
 typedef struct some_events {
     place at;
     uint32_t left;
     uint32_t right;
     uint32_t used; /* the number of references, or the next free one */
+#if RVAFT_FRONTS
+    uint32_t count; /* of the links, or 0 */
+#endif
 } some_events;
 
 typedef struct event_table {
@@ -84,42 +65,27 @@ typedef struct found_match {
 #endif
 
 /* @rows */
-enum { ROOT, ONLY, BESIDE, FIRST, AFTER, ENDING };
-
-/* How a match of a node completes the gate above: as its root, as ONLY one, with others BESIDE it, as the
-   FIRST of a sequence, or the one AFTER those that were complete at its first event, or ENDING after them. */
-typedef struct node {
-    uint64_t within; /* the longest duration of a match in nanoseconds */
-    uint32_t gate;
-    uint32_t place; /* of its latest start in an instance; NONE if a match is not kept */
-    uint32_t elder; /* ENDING: the place of the latest start of the children before */
-    uint32_t order; /* BESIDE: the place in `order` of the children of the gate */
-    uint32_t children;
-    uint32_t need; /* the number of children that complete the gate */
-    uint16_t levels;
-    uint8_t how;
-    uint8_t again; /* whether a match with the same start may complete the gate again */
-} node;
-
 typedef struct leaf {
     uint32_t node;
     uint32_t unit;
     uint32_t pattern;
     uint32_t guard;  /* 0: none */
     uint32_t after;  /* the place of the match that must be complete before; NONE for none */
-    uint32_t levels; /* 1, and the levels of that match */
     uint32_t names;  /* the first field in `names` that names its instance */
     uint32_t kind;   /* of the instance with its last events */
     uint32_t count;
     uint32_t ring;
-    uint32_t room;  /* the place of the last events in `starts` */
     uint16_t timed; /* whether a window needs the time of the event */
     uint16_t settled; /* whether no event is of use once the leaf, or a node above, is complete */
+#if !RVAFT_FRONTS
+    uint32_t levels; /* 1, and the levels of the match at `after` */
+    uint32_t room;   /* the place of the last events in `starts` */
+#endif
 } leaf;
 
 typedef struct kind {
     uint32_t names;
-    uint32_t slots; /* the number of starts of matches */
+    uint32_t slots;  /* the number of starts of matches, or of fronts */
     uint64_t within; /* without an event for longer, an instance is over */
 } kind;
 
@@ -145,7 +111,13 @@ static void mark_texts(rvaft_monitor *m) {
     }
 }
 
-/* @matches */
+/* @events */
+/* Whether a time is before the least time of later events by more than a duration, after some latenesses. */
+RVAFT_UNUSED static int has_passed(int64_t latest, int64_t time, uint64_t within, uint64_t latenesses) {
+    uint64_t since = (uint64_t)latest - (uint64_t)time, late = latenesses * lateness();
+    return RVAFT_LATE >= 0 && latest > time && since > late && since - late > within;
+}
+
 /* Events of matches. What is not used any more is released when its place is used again, so that each
    step is short. */
 
@@ -191,6 +163,9 @@ static uint32_t new_events(rvaft_monitor *m, uint32_t left, uint32_t right) {
     s->left = left;
     s->right = right;
     s->used = 1;
+#if RVAFT_FRONTS
+    s->count = 0;
+#endif
     retain_events(m, left);
     retain_events(m, right);
     return number;
@@ -205,7 +180,17 @@ static uint32_t joined_events(rvaft_monitor *m, uint32_t left, uint32_t right) {
     return left;
 }
 
-/* Note the places of some events in the order of the log. */
+/* Add a place to those of a match, in the order of the log. */
+static void note_place(found_match *f, const place *at) {
+    uint32_t to = f->taken < RVAFT_DEPTH ? f->taken++ : 0;
+    for (; to > 0 && f->events[to - 1].number > at->number; to--) {
+        place moved = f->events[to - 1];
+        f->events[to] = moved;
+    }
+    f->events[to] = *at;
+}
+
+/* Note the places of some events. */
 static void note_match(rvaft_monitor *m, uint32_t number) {
     found_match *f = &m->match;
     uint32_t left = 1;
@@ -213,13 +198,19 @@ static void note_match(rvaft_monitor *m, uint32_t number) {
     f->agenda[0] = number;
     while (left > 0 && left <= RVAFT_DEPTH) {
         const some_events *s = events_at(m, f->agenda[--left]);
-        if (s->left == 0) {
-            uint32_t to = f->taken < RVAFT_DEPTH ? f->taken++ : 0;
-            for (; to > 0 && f->events[to - 1].number > s->at.number; to--) {
-                place moved = f->events[to - 1];
-                f->events[to] = moved;
+#if RVAFT_FRONTS
+        if (s->count != 0) {
+            uint32_t i, link = s->left;
+            for (i = s->count; i > 0 && link != 0; i--) {
+                s = events_at(m, link);
+                note_place(f, &s->at);
+                link = s->left;
             }
-            f->events[to] = s->at;
+            continue;
+        }
+#endif
+        if (s->left == 0) {
+            note_place(f, &s->at);
         } else if (left < RVAFT_DEPTH) {
             f->agenda[left++] = s->right;
             f->agenda[left++] = s->left;
@@ -227,90 +218,10 @@ static void note_match(rvaft_monitor *m, uint32_t number) {
     }
 }
 
-/* Replace the events of a start by others, whose reference it takes. */
-static void set_events(rvaft_monitor *m, match_start *to, uint32_t number) {
-    release_events(m, to->events);
-    to->events = number;
-}
-
 #endif
 
-/* Replace a start. */
-static void set_start(rvaft_monitor *m, match_start *to, const match_start *from) {
-    match_start moved = *from;
-    (void)m;
-#if RVAFT_PLACES
-    retain_events(m, moved.events);
-    release_events(m, to->events);
-#endif
-    *to = moved;
-}
-
-/* Copy the starts of some levels into an instance, or from it. */
-static void keep_starts(rvaft_monitor *m, instance *r, uint32_t at, const match_start *made, uint32_t levels) {
-    uint32_t i;
-    for (i = 0; i < levels && i < RVAFT_LEVELS; i++) {
-        set_start(m, &ROW(r->starts, at + i), &made[i]);
-    }
-}
-
-static void recall_starts(rvaft_monitor *m, match_start *made, const instance *r, uint32_t at, uint32_t levels) {
-    uint32_t i;
-    for (i = 0; i < levels && i < RVAFT_LEVELS; i++) {
-        set_start(m, &made[i], &ROW(r->starts, at + i));
-    }
-}
-
-/* Whether a match is kept at a place. */
-static int is_kept(const instance *r, uint32_t at) { return ROW(r->starts, at).first != 0; }
-
+/* @matches */
 /* Instances. */
-
-/* Make an instance empty. */
-static void clear_instance(instance *r) {
-    uint32_t i;
-#if RVAFT_SLOTS > 0
-    for (i = 0; i < RVAFT_SLOTS; i++) {
-        r->starts[i].first = 0;
-    }
-#endif
-    for (i = 0; i < RVAFT_RINGS; i++) {
-        r->rings[i].next = 0;
-        r->rings[i].full = 0;
-    }
-    for (i = 0; i < RVAFT_ORDER; i++) {
-        r->order[i] = 0;
-    }
-}
-
-#if RVAFT_PLACES
-/* Drop the events of an instance, and release them. */
-static void drop_events(rvaft_monitor *m, instance *r, int released) {
-    uint32_t i;
-    for (i = 0; i < RVAFT_STARTS; i++) {
-        release_events(m, released ? r->starts[i].events : 0);
-        r->starts[i].events = 0;
-    }
-    for (i = 0; i < RVAFT_RINGS; i++) {
-        release_events(m, released ? r->rings[i].recent : 0);
-        r->rings[i].recent = 0;
-    }
-}
-
-/* Release the events of a match, and those of an instance that is not kept. */
-static void drop_match(rvaft_monitor *m, instance *r, match_start *made) {
-    uint32_t i;
-    for (i = 0; i < RVAFT_LEVELS; i++) {
-        release_events(m, made[i].events);
-    }
-#if RVAFT_NAMED
-    if (r == &m->instances.item[RVAFT_INSTANCES]) {
-        drop_events(m, r, 1);
-    }
-#endif
-    (void)r;
-}
-#endif
 
 #if RVAFT_NAMED
 
@@ -320,22 +231,21 @@ static int is_void(const rvaft_monitor *m, const instance *r) {
     return m->keys.item[r->key < RVAFT_KEYS ? r->key : 0].era != r->era;
 }
 static int has_key(const rvaft_monitor *m, const instance *r) { return r->key == m->key && !is_void(m, r); }
+/* What is known of the times of the log of an instance. */
+static const key_state *log_of(const rvaft_monitor *m, const instance *r) {
+    return &m->keys.item[r->key < RVAFT_KEYS ? r->key : 0];
+}
 #else
 #define CURRENT_KEY(m) 0U
 #define is_void(m, r) 0
 #define has_key(m, r) 1
+#define log_of(m, r) (m)
 #endif
 
 /* Whether no later event can be in a match with those of an instance. */
 static int is_over(const rvaft_monitor *m, const instance *r) {
 #if RVAFT_EXPIRIES
-#if RVAFT_KEYED
-    const key_state *seen = &m->keys.item[r->key < RVAFT_KEYS ? r->key : 0];
-#else
-    const rvaft_monitor *seen = m;
-#endif
-    if (seen->has_latest && seen->latest > r->latest &&
-        (uint64_t)seen->latest - (uint64_t)r->latest > kind_of(r)->within) {
+    if (log_of(m, r)->has_latest && has_passed(log_of(m, r)->latest, r->latest, kind_of(r)->within, 1)) {
         return 1;
     }
 #endif
@@ -359,7 +269,7 @@ static uint32_t *bucket_of(instance_table *t, uint64_t h) {
 }
 
 static void link_instance(instance_table *t, uint32_t number) {
-    instance *r = &t->item[number];
+    instance *r = &ROW(t->item, number);
     uint32_t i, *home;
 #if RVAFT_KEYED
     uint64_t h = hash_of(r->kind, r->key);
@@ -374,23 +284,52 @@ static void link_instance(instance_table *t, uint32_t number) {
     *home = number + 1;
 }
 
-/* Remove the instances that are over, and adapt the number of buckets; again when there are twice as
-   many, so that the work per event stays bounded. */
-static void sweep(rvaft_monitor *m) {
+#if RVAFT_KEYED
+/* Mark the keys with an instance of which an event may still be in a match, by the greatest time of all keys. */
+static void mark_keys(rvaft_monitor *m) {
+    uint32_t i;
+    for (i = 0; i < m->instances.count && i < RVAFT_INSTANCES; i++) {
+        const instance *r = &m->instances.item[i];
+        int live = r->kind != NONE && !is_void(m, r);
+#if RVAFT_EXPIRIES
+        live = live && !has_passed(m->keys.newest, r->latest, kind_of(r)->within, 2);
+#endif
+        if (live) {
+            ROW(m->keys.live, r->key) = 1;
+        }
+    }
+}
+#endif
+
+/* Remove the instances that are over. */
+static void drop_instances(rvaft_monitor *m) {
     instance_table *t = &m->instances;
     uint32_t i;
     for (i = 0; i < t->count && i < RVAFT_INSTANCES; i++) {
         instance *r = &t->item[i];
         if (r->kind != NONE && is_over(m, r)) {
-#if RVAFT_PLACES
-            drop_events(m, r, 1);
-#endif
+            drop_kept(m, &r->kept);
             r->kind = NONE;
             r->next = t->spare;
             t->spare = i + 1;
             t->used--;
+        } else if (r->kind != NONE && log_of(m, r)->has_latest) {
+            trim_kept(m, &r->kept, r->kind, log_of(m, r)->latest);
         }
     }
+}
+
+/* Remove the instances that are over, and adapt the number of buckets; again when there are twice as
+   many, so that the work per event stays bounded. Keys are forgotten rather than that there is no room. */
+static void sweep(rvaft_monitor *m) {
+    instance_table *t = &m->instances;
+    uint32_t i;
+    drop_instances(m);
+#if RVAFT_KEYED
+    if ((t->used > RVAFT_INSTANCES - RVAFT_INSTANCES / 8 || has_little_room(m)) && forget_keys(m, RVAFT_KEYS)) {
+        drop_instances(m);
+    }
+#endif
     while (t->mask < RVAFT_BUCKETS - 1 && t->mask < 4 * t->used) {
         t->mask = t->mask * 2 + 1;
     }
@@ -423,12 +362,10 @@ static instance *new_instance(rvaft_monitor *m, const rvaft_event *e, const leaf
     } else if (t->count < RVAFT_INSTANCES) {
         at = ++t->count;
         r = &ROW(t->item, at - 1);
-#if RVAFT_PLACES
         if (at <= t->touched) {
-            drop_events(m, r, 0);
+            forget_kept(&r->kept);
         }
         t->touched = at > t->touched ? at : t->touched;
-#endif
     } else {
         m->error = RVAFT_FULL;
         return NULL;
@@ -445,9 +382,11 @@ static instance *new_instance(rvaft_monitor *m, const rvaft_event *e, const leaf
     r->key = m->key;
     r->era = ROW(m->keys.item, m->key).era;
 #endif
+#if RVAFT_EXPIRIES
+    r->latest = INT64_MIN;
+#endif
     t->used++;
     link_instance(t, at - 1);
-    clear_instance(r);
     return r;
 }
 
@@ -463,7 +402,7 @@ static instance *instance_of(rvaft_monitor *m, const rvaft_event *e, const leaf 
         if (c->tag == RVAFT_UNDEFINED) {
             r = &t->item[RVAFT_INSTANCES];
             if (make) {
-                clear_instance(r);
+                drop_kept(m, &r->kept);
             }
             return make ? r : NULL;
         }
@@ -495,170 +434,31 @@ static instance *instance_of(rvaft_monitor *m, const rvaft_event *e, const leaf 
 
 #endif
 
-/* Matches. */
-
-/* Put a node before those that start earlier. */
-static void set_in_order(instance *r, const node *n, uint32_t number) {
-    uint32_t first = n->order, at = first, stop = first + n->children - 1;
-    while (at < stop && ROW(r->order, at) != 0 && ROW(r->order, at) != number) {
-        at++;
-    }
-    for (; at > first; at--) {
-        uint32_t other = ROW(r->order, at - 1);
-        if (ROW(r->starts, ROW(nodes, other).place).first > ROW(r->starts, n->place).first) {
-            break;
-        }
-        ROW(r->order, at) = other;
-    }
-    ROW(r->order, at) = number;
-}
-
-/* Join a match with another one, which is kept at a place. */
-static void join_with(rvaft_monitor *m, match_start *made, const instance *r, uint32_t at, uint32_t levels) {
-    const match_start *other = &ROW(r->starts, at);
-#if RVAFT_PLACES
-    uint32_t all = joined_events(m, other->events, made->events);
-#endif
-    if (other->first < made->first) {
-        recall_starts(m, made, r, at, levels);
-    }
-#if RVAFT_PLACES
-    set_events(m, made, all);
-#endif
-}
-
-/* Join a match with those of siblings that start last; returns 0 if there are too few. */
-static int join_others(rvaft_monitor *m, const instance *r, const node *n, uint32_t number, match_start *made) {
-    uint32_t at = n->order, left = n->need - 1;
-    if (ROW(r->order, at + left) == 0) {
-        return 0;
-    }
-    for (; left > 0 && at < RVAFT_ORDER; at++) {
-        uint32_t other = r->order[at];
-        if (other != number) {
-            join_with(m, made, r, ROW(nodes, other).place, n->levels);
-            left--;
-        }
-    }
-    return 1;
-}
-
-/* Join a match with the one before, as it was at the first event: the whole starts where that does. */
-static void join_before(rvaft_monitor *m, match_start *made, uint32_t levels) {
-    uint32_t i;
-#if RVAFT_PLACES
-    uint32_t all = joined_events(m, made[RVAFT_LEVELS > 1].events, made->events);
-#endif
-    for (i = 0; i < levels && i + 1 < RVAFT_LEVELS; i++) {
-        set_start(m, &made[i], &made[i + 1]);
-    }
-#if RVAFT_PLACES
-    set_events(m, made, all);
-#endif
-}
-
-/* Complete a node by a match that ends now, and what it completes above; returns 1 if it detects. */
-static int complete_node(rvaft_monitor *m, const rvaft_event *e, instance *r, uint32_t number, match_start *made) {
-    uint32_t depth;
-    (void)e;
-    for (depth = 0; depth < RVAFT_NODES && m->error == 0; depth++) {
-        const node *n = &ROW(nodes, number);
-#if RVAFT_WINDOWS
-        if (n->within != UINT64_MAX && (uint64_t)e->time - (uint64_t)made->time > n->within) {
-            return 0;
-        }
-#endif
-        if (n->how == ROOT) {
-            return 1;
-        }
-        if (n->how == AFTER) {
-            join_before(m, made, n->levels);
-        } else if (n->how == ENDING) {
-            if (!is_kept(r, n->elder)) {
-                return 0;
-            }
-            join_with(m, made, r, n->elder, n->levels);
-        }
-        if (n->place != NONE) {
-            int later = made->first > ROW(r->starts, n->place).first;
-            if (later) {
-                keep_starts(m, r, n->place, made, n->levels);
-            }
-            if (n->how != BESIDE || !(later || n->again)) {
-                return 0;
-            }
-            if (later) {
-                set_in_order(r, n, number);
-            }
-            if (!join_others(m, r, n, number, made)) {
-                return 0;
-            }
-        }
-        number = n->gate;
-    }
-    return 0;
-}
-
-#if RVAFT_RINGED
-
-#if RVAFT_PLACES
-/* The events of a match at a place of a ring. */
-static match_start *ring_start(instance *r, const leaf *l, uint32_t number) {
-    return &ROW(r->starts, l->room + number * l->levels);
-}
-
-/* Add an event to the last ones; returns all of them. The events up to the last place are joined
-   backwards, those from the first place forwards, so that all of them take two steps for each event. */
-static uint32_t last_events(rvaft_monitor *m, instance *r, const leaf *l, ring *q, uint32_t number) {
-    uint32_t all = joined_events(m, q->recent, number), i;
-    release_events(m, q->recent);
-    q->recent = all;
-    if (q->next != 0) {
-        return joined_events(m, ring_start(r, l, q->next)->events, all);
-    }
-    for (i = l->count - 1; i > 0; i--) {
-        match_start *s = ring_start(r, l, i - 1);
-        set_events(m, s, joined_events(m, s->events, ring_start(r, l, i)->events));
-    }
-    q->recent = 0;
-    return all;
-}
-#endif
-
-/* Add an event to the last ones of its leaf; returns 0 while they are too few, or else their match. */
-static int count_last(rvaft_monitor *m, instance *r, const leaf *l, match_start *made) {
-    ring *q = &ROW(r->rings, l->ring);
-#if RVAFT_PLACES
-    uint32_t all;
-#endif
-    keep_starts(m, r, l->room + q->next * l->levels, made, l->levels);
-    q->next++;
-    if (q->next >= l->count) {
-        q->next = 0;
-        q->full = 1;
-    }
-#if RVAFT_PLACES
-    all = last_events(m, r, l, q, made->events);
-#endif
-    if (q->full) {
-        recall_starts(m, made, r, l->room + q->next * l->levels, l->levels);
-    }
-#if RVAFT_PLACES
-    set_events(m, made, all);
-#endif
-    return q->full != 0;
-}
-
-#endif
-
 #if RVAFT_EXPIRIES
-#define NOTE_TIME(r, e) (r)->latest = (e)->has_time ? (e)->time : (r)->latest
+#define NOTE_TIME(r, e) (r)->latest = (e)->has_time && (e)->time > (r)->latest ? (e)->time : (r)->latest
 #else
 #define NOTE_TIME(r, e) (void)(r)
 #endif
 
+#if RVAFT_RINGED
+/* What the instance with the last events of a leaf keeps, or NULL. */
+static kept *counting(rvaft_monitor *m, const rvaft_event *e, kept *r, const leaf *l) {
+    instance *own;
+    if (l->kind == l->unit) {
+        return r;
+    }
+    own = instance_of(m, e, l, l->kind, 1);
+    if (own == NULL) {
+        return NULL;
+    }
+    NOTE_TIME(own, e);
+    return &own->kept;
+}
+#endif
+
+/* @follow */
 /* Whether a node, or one above it, is complete. */
-static int is_settled(const instance *r, uint32_t number) {
+static int is_settled(const kept *r, uint32_t number) {
     uint32_t depth;
     for (depth = 0; depth < RVAFT_NODES; depth++) {
         const node *n = &ROW(nodes, number);
@@ -681,7 +481,7 @@ static instance *serving(rvaft_monitor *m, const rvaft_event *e, const leaf *l) 
     }
     if (l->after != NONE) {
         r = instance_of(m, e, l, l->unit, 0);
-        if (r == NULL || !is_kept(r, l->after)) {
+        if (r == NULL || !is_kept(&r->kept, l->after)) {
             return NULL;
         }
     }
@@ -691,59 +491,14 @@ static instance *serving(rvaft_monitor *m, const rvaft_event *e, const leaf *l) 
     return r == NULL ? instance_of(m, e, l, l->unit, 1) : r;
 }
 
-#if RVAFT_RINGED
-/* Add an event to the last ones of a leaf with `times`; returns 0 while they are too few. */
-static int take_last(rvaft_monitor *m, const rvaft_event *e, instance *r, const leaf *l, match_start *made) {
-    if (l->kind != l->unit) {
-        r = instance_of(m, e, l, l->kind, 1);
-        if (r == NULL) {
-            return 0;
-        }
-        NOTE_TIME(r, e);
-    }
-    return count_last(m, r, l, made);
-}
-#else
-#define take_last(m, e, r, l, made) 1
-#endif
-
 /* Take an event at a leaf; returns 1 if it detects. */
 static int take_event(rvaft_monitor *m, const rvaft_event *e, const leaf *l) {
-    match_start made[RVAFT_LEVELS];
     instance *r = serving(m, e, l);
-    int detected;
     if (r == NULL) {
         return 0;
     }
     NOTE_TIME(r, e);
-    if (l->settled && is_settled(r, l->node)) {
-        return 0;
-    }
-    memset(made, 0, sizeof made);
-    made->first = m->number;
-#if RVAFT_WINDOWS
-    made->time = e->has_time ? e->time : 0;
-#endif
-#if RVAFT_PLACES
-    made->events = new_events(m, 0, 0);
-    if (made->events == 0) {
-        return 0;
-    }
-    events_at(m, made->events)->at = e->at;
-#endif
-#if RVAFT_LEVELS > 1
-    if (l->after != NONE) {
-        recall_starts(m, made + 1, r, l->after, l->levels - 1);
-    }
-#endif
-    detected = (l->count == 1 || take_last(m, e, r, l, made)) && complete_node(m, e, r, l->node, made) && m->error == 0;
-#if RVAFT_PLACES
-    if (detected) {
-        note_match(m, made->events);
-    }
-    drop_match(m, r, made);
-#endif
-    return detected;
+    return !(l->settled && is_settled(&r->kept, l->node)) && take(m, e, &r->kept, l);
 }
 
 /* Take an event at all leaves, the last ones of sequences first, so that no event is used twice. */
@@ -762,11 +517,40 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint8_t *matc
     return 0;
 }
 
+/* Remove what no later event can complete. */
+RVAFT_UNUSED static void tidy(rvaft_monitor *m) {
+#if RVAFT_NAMED
+    sweep(m);
+#else
+    uint32_t i;
+    for (i = 0; m->has_latest && i < RVAFT_INSTANCES; i++) {
+        trim_kept(m, &m->instances.item[i].kept, i, m->latest);
+    }
+#endif
+    set_crowded(m);
+}
+
+/* The verdict after an event. */
+/*@ requires \valid(m) && \valid_read(e) && \separated(m, e);
+    assigns *m; */
+static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
+    uint8_t matches[RVAFT_PATTERNS];
+    m->number++;
+    if (late) {
+        return RVAFT_UNKNOWN;
+    }
+    if (is_crowded(m)) {
+        tidy(m);
+    }
+    match(matches, e);
+    return scattered(m, e, matches) ? RVAFT_TRUE : RVAFT_UNKNOWN;
+}
+
 /* @begin */
 static void begin(rvaft_monitor *m) {
-#if RVAFT_NAMED
     instance_table *t = &m->instances;
     uint32_t i;
+#if RVAFT_NAMED
     for (i = 0; i <= t->mask && i < RVAFT_BUCKETS && t->mask != 0; i++) {
         t->head[i] = 0;
     }
@@ -775,60 +559,20 @@ static void begin(rvaft_monitor *m) {
     t->used = 0;
     t->spare = 0;
     t->sweep_at = RVAFT_INSTANCES < 2 * FEW ? RVAFT_INSTANCES : 2 * FEW;
+    forget_kept(&t->item[RVAFT_INSTANCES].kept);
 #else
-    uint32_t i;
     for (i = 0; i < RVAFT_INSTANCES; i++) {
-        clear_instance(&m->instances.item[i]);
-#if RVAFT_PLACES
-        drop_events(m, &m->instances.item[i], 0);
-#endif
+        forget_kept(&t->item[i].kept);
     }
 #endif
+    begin_kept(m);
 #if RVAFT_PLACES
     m->events.count = 0;
     m->events.spare = 0;
 #endif
 }
 
-/* @step */
-/*@ requires \valid(m) && \valid_read(e) && \separated(m, e) && sound(m);
-    assigns *m;
-    ensures sound(m) && \result == outcome(m);
-    behavior final:
-        assumes outcome(m) != RVAFT_UNKNOWN;
-        assigns \nothing;
-        ensures \result == \old(outcome(m)); */
-static int step(rvaft_monitor *m, const rvaft_event *e) {
-    uint8_t matches[RVAFT_PATTERNS];
-    int verdict = RVAFT_UNKNOWN;
-    uint32_t i;
-    if (m->error != 0) {
-        return m->error;
-    }
-    if (m->verdict != RVAFT_UNKNOWN) {
-        return m->verdict;
-    }
-    /*@ loop invariant 0 <= i <= RVAFT_FIELDS;
-        loop assigns i, m->known[0 .. RVAFT_FIELDS - 1];
-        loop variant RVAFT_FIELDS - i; */
-    for (i = 0; i < RVAFT_FIELDS; i++) {
-        if (e->field[i].tag == RVAFT_BIG && e->field[i].text == NULL) { /* a double of more than 64 bits */
-            m->error = RVAFT_UNSUPPORTED;
-            return m->error;
-        }
-        m->known[i] = 0;
-    }
-    m->number++;
-    if (!is_late(m, e)) {
-        match(matches, e);
-        if (scattered(m, e, matches)) {
-            verdict = RVAFT_TRUE;
-        }
-    }
-    return decided(m, verdict);
-}
-
-/* @state */
+/* @bytes */
 /* Append bytes while there is room. */
 static void put_state(char *to, size_t size, size_t *used, const void *from, size_t more) {
     if (*used + more <= size) {
@@ -837,32 +581,14 @@ static void put_state(char *to, size_t size, size_t *used, const void *from, siz
     *used += more;
 }
 
-/* Append matches of an instance: whether they are kept, and when they start. Returns whether one is. */
-static int put_starts(const instance *r, uint32_t at, uint32_t count, char *to, size_t size, size_t *used) {
-    uint32_t i;
-    int some = 0;
-    for (i = 0; i < count; i++) {
-        const match_start *s = &ROW(r->starts, at + i);
-        uint8_t kept = s->first != 0;
-        put_state(to, size, used, &kept, 1);
-#if RVAFT_WINDOWS
-        if (kept) {
-            put_state(to, size, used, &s->time, sizeof s->time);
-        }
-#endif
-        some |= kept;
-    }
-    return some;
-}
-
+/* @state */
 /* Append an instance; returns 0 if it has nothing. */
 static int put_instance(const rvaft_monitor *m, const instance *r, uint32_t number, char *to, size_t size,
                         size_t *used) {
-    uint32_t i, k;
-    int some;
     (void)m;
     put_state(to, size, used, &number, sizeof number);
 #if RVAFT_NAMED
+    uint32_t k;
     for (k = 0; k < kind_of(r)->names; k++) {
         const cell *c = &ROW(r->name, k);
         put_state(to, size, used, &c->tag, sizeof c->tag);
@@ -875,20 +601,7 @@ static int put_instance(const rvaft_monitor *m, const instance *r, uint32_t numb
         }
     }
 #endif
-    some = put_starts(r, 0, ROW(kinds, number).slots, to, size, used);
-    for (i = 0; i < RVAFT_LEAVES; i++) {
-        const leaf *l = &leaves[i];
-        if (l->count > 1 && l->kind == number) {
-            const ring *q = &ROW(r->rings, l->ring);
-            uint32_t at = q->full ? (q->next + 1) % l->count : 0, stop = q->next; /* the oldest one leaves */
-            for (k = at; k != stop; k = (k + 1) % l->count) {
-                some |= put_starts(r, l->room + k * l->levels, l->levels, to, size, used);
-            }
-            stop = NONE;
-            put_state(to, size, used, &stop, sizeof stop);
-        }
-    }
-    return some;
+    return put_kept(m, &r->kept, number, to, size, used);
 }
 
 /* The state as bytes: equal states have equal futures. Returns their number; writes at most `size`

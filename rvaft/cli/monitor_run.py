@@ -424,7 +424,7 @@ class _Run(Listener):
         if native is None:
             return source
         same = Path(trace.file) if trace.file is not None and trace.is_plain else None
-        return stack.enter_context(native.trace(trace.name, same, cast("BinaryIO", source), runs[0].buffer))
+        return stack.enter_context(native.trace(trace.name, same, cast("BinaryIO", source), runs[0]))
 
     @property
     def _unstarted(self) -> int:

@@ -7,10 +7,10 @@ before the block is read, and `NativeMatches` detects at the events that the com
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from copy import copy
 from dataclasses import replace
 from io import BufferedIOBase, RawIOBase
 from itertools import islice
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryFile
 from typing import Any, BinaryIO, ClassVar, Final, NamedTuple, Protocol, Self, cast, runtime_checkable
@@ -31,12 +31,13 @@ from rvaft.model.patterns import Pattern
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, JsonObject, finite_decimal
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Explanation, Pending
+from rvaft.monitors import Explanation, Pending, twin
 from rvaft.readers.json_lines import decode, event_on
 from rvaft.readers.log import BOM, LogReader
-from rvaft.stream.keys import Key
+from rvaft.stream.keys import Key, KeyedTraces
 from rvaft.stream.listeners import EventBuffer
 from rvaft.stream.plan import TIME, MonitoringPlan
+from rvaft.stream.run import TraceRun
 from rvaft.stream.whole_log import Declined, EventCount, LogAnswer, Place, QueryEngine
 from rvaft.support.files import SUFFIXES as COMPRESSED
 
@@ -84,6 +85,10 @@ class CompiledLog(Protocol):
     def key_counts(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
         """Yield the number of events of each key and the place of the first one, then of those without a key."""
 
+    @property
+    def forgotten_keys(self) -> tuple[int, int, int]:
+        """How many keys were forgotten, how many began too early after that, and the first event of these, or 0."""
+
     def close(self) -> None:
         """Release the memory of the monitor."""
 
@@ -108,8 +113,10 @@ class Compiling(Protocol):
     def program(self, text: str, warn: Callable[[str], object]) -> AbstractContextManager[Path]:
         """Yield a compiled program, which may be removed once it runs."""
 
-    def native_log(self, text: str, *, keys: int, repeat: bool, warn: Callable[[str], object]) -> CompiledLog:
-        """Return a new monitor of one log."""
+    def native_log(
+        self, text: str, *, keys: int, repeat: bool, forgets: bool, warn: Callable[[str], object]
+    ) -> CompiledLog:
+        """Return a new monitor of one log, which forgets keys only with `forgets`."""
 
 
 def compiling() -> Compiling:
@@ -158,6 +165,10 @@ class MatchExplainer:
             raise ToolFailed("the native monitor", reason=f"the engine has no match at event {numbers[-1]}")
         matched = tuple(one._replace(event=numbers[one.event - 1]) for one in found.matched)
         return replace(found, matched=matched), events
+
+
+def _note_forgotten(keys: KeyedTraces, log: CompiledLog) -> None:
+    keys.note_forgotten(log.forgotten_keys)
 
 
 class _Fed(BufferedIOBase):
@@ -216,17 +227,21 @@ class NativeRun:
         """The buffer to which the events of matches are added."""
 
     @contextmanager
-    def trace(self, name: str, file: Path | None, stream: BinaryIO, buffer: EventBuffer) -> Iterator[BinaryIO]:
+    def trace(self, name: str, file: Path | None, stream: BinaryIO, run: TraceRun) -> Iterator[BinaryIO]:
         """Yield the stream to read the trace `name` from; `file` has the same bytes, or is None.
 
-        Matched events are read from the file, or from a temporary copy of the stream, into the buffer.
+        Matched events are read from the file, or from a temporary copy of the stream, into the buffer of the run.
         """
-        self._log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
+        self._log = self._new_log(forgets=run.may_forget_keys)
         self._found.clear()
         self._name = name
-        self.buffer = buffer
+        self.buffer = run.buffer
+        if run.keys is not None:
+            run.keys.follows_native = True
         with ExitStack() as stack:
             stack.callback(self._log.close)
+            if run.keys is not None:
+                stack.callback(_note_forgotten, run.keys, self._log)
             if file is None:
                 self._copy = cast("BinaryIO", stack.enter_context(TemporaryFile()))
                 yield cast("BinaryIO", _Fed(stream, self._feed_and_copy, None))
@@ -253,7 +268,7 @@ class NativeRun:
 
     def answer(self, path: Path) -> "NativeAnswer":
         """Return what the compiled monitor finds in a file; raises `Declined` where it may not know all."""
-        log = self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, warn=warn)
+        log = self._new_log(forgets=True)
         with ExitStack() as stack:
             stack.callback(log.close)
             self._log, self._name = log, str(path)
@@ -264,6 +279,9 @@ class NativeRun:
                 raise Declined(log.declined or str(log.failure))
             self._copy = stack.enter_context(path.open("rb"))
             return NativeAnswer(self, log, self._copy, self._found, stack.pop_all())
+
+    def _new_log(self, *, forgets: bool) -> CompiledLog:
+        return self._backend.native_log(self._text, keys=self._keys, repeat=self._repeat, forgets=forgets, warn=warn)
 
     def _feed(self, data: bytes) -> None:
         assert self._log is not None, "the trace has begun"
@@ -341,6 +359,7 @@ class NativeAnswer(LogAnswer):
         *keys, (keyless, first) = [(total, self._noted([place])) for total, place in log.key_counts()]
         self.keys = [EventCount(total, places) for total, places in keys]
         self.keyless = EventCount(keyless, first) if keyless and run.keyed else None
+        self.forgotten = log.forgotten_keys
         self.noted = ()
         self.selected = sorted(found)
 
@@ -393,7 +412,12 @@ class NativeMatches(Strategy):
 
     def fork(self) -> Self:
         """Return a copy, which reads the same run."""
-        return copy(self)
+        return twin(self)
+
+    @property
+    def until(self) -> float:
+        """-infinite: the compiled monitor has the partial matches, and decides which keys it forgets."""
+        return -inf
 
     @property
     def state(self) -> Hashable:

@@ -156,8 +156,10 @@ class _NotApart(Exception):
     """The matches of a tree need joins."""
 
 
-def units(prop: Property) -> tuple[Unit, ...] | None:
+def units(prop: Property, *, branches: bool = True) -> tuple[Unit, ...] | None:
     """Return the units of a property with its constants decided, or None if it has joins.
+
+    With `branches` also None if not all events that a branch may need can be remembered.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -168,7 +170,7 @@ def units(prop: Property) -> tuple[Unit, ...] | None:
     try:
         root = _drafted(prop)
         _push_windows(root)
-        found = [_unit(node, chosen) for node, chosen in _alternatives(root)]
+        found = [_unit(node, chosen, branches=branches) for node, chosen in _alternatives(root)]
     except _NotApart:
         return None
     return tuple(found)
@@ -286,7 +288,7 @@ def _alternatives(root: _Draft) -> Iterator[tuple[_Draft, dict[str, str]]]:
             yield node, chosen
 
 
-def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
+def _unit(root: _Draft, chosen: Mapping[str, str], *, branches: bool) -> Unit:
     nodes = list[_Draft]()
     agenda, depth = [root], {id(root): 0}
     while agenda:
@@ -347,9 +349,9 @@ def _unit(root: _Draft, chosen: Mapping[str, str]) -> Unit:
         if node.op is Op.ONE
     }
     windows = tuple(node.window for node in nodes)
-    if choices and any(leaf.distinct for leaf in leaves):
+    if branches and choices and any(leaf.distinct for leaf in leaves):
         raise _NotApart  # the events that a branch needs are not the last ones
-    if choices and windows[0] is None and any(window is not None for window in windows):
+    if branches and choices and windows[0] is None and any(window is not None for window in windows):
         raise _NotApart  # the events that a branch needs may be older than any window
     return Unit(
         key,

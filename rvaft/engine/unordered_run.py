@@ -12,7 +12,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Hashable, Iterable, Sequence
 from heapq import nlargest
 from itertools import pairwise
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, CountedEvent, Match, Remembered, State, Take, UnitRun
 from rvaft.engine.units import Op, Unit, UnitLeaf
@@ -21,11 +21,19 @@ Front: TypeAlias = list[Match]
 _NONE: Final[Sequence[Match]] = ()
 
 
-class UnorderedRun(UnitRun):
-    """A match has its first position, least time, steps, greatest time and last position."""
+class PositionUse(NamedTuple):
+    """For each node, whether positions matter besides times.
 
-    def __init__(self, unit: Unit) -> None:
-        super().__init__(unit)
+    `inside`: the first position of a match, in a later child of a sequence. `followed`: the last one,
+    to the next child.
+    """
+
+    inside: tuple[bool, ...]
+    followed: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, unit: Unit) -> Self:
+        """Return the use of positions in a unit."""
         size = len(unit.places)
         inside, followed = [False] * size, [False] * size
         for node in range(1, size):
@@ -34,10 +42,15 @@ class UnorderedRun(UnitRun):
             inside[node] = inside[gate] or (timed and before >= 0 and not unit.direct[node])
             if timed and before >= 0 and not unit.direct[node]:
                 followed[before] = True
-        self._inside = tuple(inside)
-        """Whether the first position of a match matters: in a later child of a sequence."""
-        self._followed = tuple(followed)
-        """Whether the last position of a match matters to the next child."""
+        return cls(tuple(inside), tuple(followed))
+
+
+class UnorderedRun(UnitRun):
+    """A match has its first position, least time, steps, greatest time and last position."""
+
+    def __init__(self, unit: Unit) -> None:
+        super().__init__(unit)
+        self._inside, self._followed = PositionUse.of(unit)
         self.takes = {leaf.node: self._taking(leaf) for leaf in unit.leaves}
 
     def _taking(self, leaf: UnitLeaf) -> Take:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from math import inf
+from operator import itemgetter
 from typing import Final, Self, TypeAlias
 
 from rvaft.errors import OptionError, TooLarge
@@ -105,6 +106,8 @@ class KeyedTraces:
         self._begin = begin
         self._forgets = forgets
         self.forgotten = self.early = self.first_early = 0
+        self.follows_native = False
+        """Whether a compiled monitor has the partial matches, and decides which values it forgets."""
         self._horizon: float = -inf
         """A time before which an event may need one of a forgotten value."""
         self._traces: dict[Hashable, MonitoredTrace] = {}
@@ -166,6 +169,13 @@ class KeyedTraces:
         kept = {name: trace for name, trace in traces if trace.monitors.until >= horizon - time.late}
         if len(kept) > self._most * 9 // 10:
             return
+        if (
+            self.follows_native
+        ):  # it has the partial matches: the values with the latest events are kept for their counts
+            idle = [(one is not None, one or 0, name) for (name, _), one in zip(traces, times, strict=True)]
+            idle = sorted((one for one in idle if one[2] not in kept), key=itemgetter(0, 1))
+            kept |= {name: self._traces[name] for _, _, name in idle[len(idle) // 2 :]}
+            kept = {name: trace for name, trace in traces if name in kept}
         self.forgotten += len(self._traces) - len(kept)
         self._horizon = max(self._horizon, horizon)
         self._traces = kept
@@ -179,6 +189,11 @@ class KeyedTraces:
         if time is not None and time < self._horizon:
             self.early += 1
             self.first_early = self.first_early or number
+
+    def note_forgotten(self, numbers: tuple[int, int, int]) -> None:
+        """Replace the counts by those of a compiled monitor: keys forgotten, early ones, the first event of these."""
+        self.forgotten, self.early, self.first_early = numbers
+        self.follows_native = True
 
     @property
     def state(self) -> tuple[int, ...]:
@@ -196,8 +211,10 @@ class KeyedTraces:
         """The warnings about events without the key and about forgotten values, if any."""
         names = " and ".join(field.text for field in self.key.fields)
         if self.forgotten:
-            what = "that detected nothing and whose windows had passed were forgotten; --max-keys N keeps more"
-            yield f"{self.forgotten:,} values of {names} {what}"
+            what = "that detected nothing and whose windows had passed were forgotten"
+            native = "a greater --max-keys, or a run without --native, may keep more"
+            remedy = native if self.follows_native else "--max-keys N keeps more"
+            yield f"{self.forgotten:,} values of {names} {what}; {remedy}"
         if self.early:
             why = "such an event may need one of a value that was forgotten"
             yield (

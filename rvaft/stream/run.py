@@ -109,9 +109,7 @@ class TraceRun:
         self.watch = MonitoredTrace(self.trace, monitors.fork(), buffer=self.buffer)
         """The monitored trace; with a key, the template for each value."""
         key, most = self.plan.key, self.plan.max_keys
-        self.keys = (
-            None if key is None else KeyedTraces(key, most, self._of_key, self._begin_trace, self._may_forget_keys)
-        )
+        self.keys = None if key is None else KeyedTraces(key, most, self._of_key, self._begin_trace, self._forgets_keys)
         self.prepare()
 
     def _of_key(self, values: tuple[Json, ...]) -> MonitoredTrace:
@@ -120,8 +118,13 @@ class TraceRun:
             watch.monitors.expect(self._coming[tuple(map(value_key, values))])
         return watch
 
-    def _may_forget_keys(self) -> bool:
+    def _forgets_keys(self) -> bool:
         self._keyed_times.settle()
+        return self.may_forget_keys
+
+    @property
+    def may_forget_keys(self) -> bool:
+        """Whether no listener needs each key."""
         return not any(listener.each_key for listener in self.listeners)
 
     def _begin_trace(self, watch: MonitoredTrace) -> None:

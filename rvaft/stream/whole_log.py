@@ -6,7 +6,7 @@ exactly for a log, it raises `Declined`, and the log is read event by event.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Final, NamedTuple, TypeAlias
 
@@ -20,6 +20,7 @@ from rvaft.stream.listeners import EventBuffer, MonitoredTrace, VerdictChange
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import LOOKED_AT, Statistics
+from rvaft.support.collector import no_collections
 from rvaft.support.plugins import entry_points
 
 GROUP: Final = "rvaft.engines"
@@ -50,14 +51,18 @@ class LogAnswer(ABC):
 
     `groups` match the same patterns and guards, and have the numbers of the `FIRST` events. `keys` are
     the events of each key in order of first occurrence, and `keyless` those without a key, each with
-    the first number. `selected` are the numbers of the events that a match may have, in order; the
-    monitors need no other. `noted` are the first events with different values in discriminating fields.
+    the first number. `forgotten` counts the keys that are left out (see `KeyedTraces.note_forgotten`).
+    `selected` are the numbers of the events that a match may have, in order; the monitors need no
+    other. `noted` are the first events with different values in discriminating fields.
     """
 
     total: int
     groups: Sequence[EventCount]
     keys: Sequence[EventCount]
     keyless: EventCount | None
+    forgotten: tuple[int, int, int] = (0, 0, 0)
+    first_of_keys: Mapping[int, JsonObject] = {}
+    """The first events of the keys by number, once they were counted."""
     noted: Sequence[int]
     selected: Iterable[int]
 
@@ -120,12 +125,15 @@ def count(run: TraceRun, answer: LogAnswer) -> None:
     plan, types = run.plan, run.plan.monitors.types
     if len(answer.keys) > plan.max_keys:
         raise Declined(f"more than {plan.max_keys} keys")
+    if answer.forgotten[0] and not run.may_forget_keys:
+        raise Declined("keys were forgotten")
     firsts = [group.first[0] for group in answer.keys]
     wanted = sorted({number for group in answer.groups for number in group.first} | {*answer.noted, *firsts})
     events = {number: event for number, _, event in answer.events(wanted, plan.reads)}
     keys = () if plan.key is None else [plan.key.of(events[number]) for number in firsts]
     if len({tuple(map(value_key, key)) for key in keys if key is not None}) < len(keys):
         raise Declined("DuckDB reads a key in another way")
+    answer.first_of_keys = {number: events[number] for number in firsts}
     for totals in (Totals(Statistics(types), DataWarnings(types)), run.totals):
         statistics, warnings = totals.statistics, totals.data_warnings
         looked_at = {number for group in answer.groups for number in group.first}
@@ -174,6 +182,8 @@ def read(run: TraceRun, answer: LogAnswer) -> Iterator[bool]:
             if watch is run.watch and not watch.monitors.live:
                 break
         yield True
+    if keys is not None and answer.forgotten[0]:
+        keys.note_forgotten(answer.forgotten)
     run.number = run.watch.events = answer.total
     unchanged.notify(answer.total + 1)
     run.notify_unchanged(answer.total)
@@ -190,9 +200,10 @@ class _Unchanged:
         self._places = iter(() if keys is None or not self._each else answer.of_keys())
         self._place = next(self._places, None)
         counts = {group.first[0]: group.total for group in answer.keys}
-        for number, _, event in answer.events(counts, run.plan.reads) if keys is not None else ():
-            if keys is not None and (watch := keys.of(event, number)) is not None:
-                self._watches[number], watch.events = watch, counts[number]
+        with no_collections():
+            for number, event in answer.first_of_keys.items():
+                if keys is not None and (watch := keys.of(event, number)) is not None:
+                    self._watches[number], watch.events = watch, counts[number]
         if keys is not None and answer.keyless is not None:
             keys.lacking, (keys.first_lacking, *_) = answer.keyless
 

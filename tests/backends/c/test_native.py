@@ -399,3 +399,83 @@ def test_lines_longer_than_the_buffer(folder: Path, monkeypatch: pytest.MonkeyPa
     wanted, found = run(*call), run(*call, "--native")
     assert told(found) == told(wanted)
     assert found.exit_code == 1
+
+
+BURSTS = """time ts as s late LATE; event e(k, u) = { k: k, user: u }; semantics scattered;
+top sand x p within 5 s fault; x on e("x", U) times 2; p and y z; y on e("y", U); z on e("z", U);"""
+SHARED_USER = """time ts as s late LATE; event e(k, u) = { k: k, user: u }; semantics scattered;
+top sand x y z within 5 s; x on e("x", U); y on e("y", V) when V != U; z on e("z", U);"""
+REMEDIES = "--max-keys N keeps more", "a greater --max-keys, or a run without --native, may keep more"
+
+
+def rotating_log(random: Random, count: int, *, early: bool) -> list[str]:
+    """Keys that come for a short time, of which some detect; some events come late."""
+    lines = list[str]()
+    for number in range(count):
+        key, whole = f"k{number // 6}", number // 6 % 10 == 0
+        name = "xxyzxy"[number % 6] if whole else random.choice("xxxyw")
+        time = number / 4 - (random.choice((0, 0, 1.5)) if early else 0)
+        lines.append(json.dumps({"k": name, "user": 1, "ts": time, "key": key}))
+        if early and number % 100 == 99:
+            lines.append(json.dumps({"k": "x", "user": 1, "ts": time - 40, "key": f"k{number // 6 - 30}"}))
+    return lines
+
+
+@pytest.mark.parametrize("early", [False, True])
+@pytest.mark.parametrize("late", ["0 s", "2 s"])
+def test_keys_are_forgotten_as_by_the_engine(
+    late: str, early: bool, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Detections and warnings, of a file and of a stream; a report needs all keys."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "bursts.rvaft").write_text(BURSTS.replace("LATE", late), encoding="utf-8")
+    (log := folder / "rotating.jsonl").write_text(
+        "\n".join(rotating_log(Random(late), 3_000, early=early)), encoding="utf-8"
+    )
+    call = ("monitor", tree, "--key", "key", "--max-keys", "80", "--repeat")
+
+    def shown(result: Result) -> tuple[list[str], list[str], int]:
+        found, errors, code = told(result)
+        about = [line for line in errors.splitlines() if "were forgotten" in line or "begin with" in line]
+        return [line for line in found if line.startswith("event ")], about, code
+
+    wanted = shown(run(*call, log))
+    assert wanted[2] == 1
+    assert any("begin with an event earlier" in line for line in wanted[1]) is early
+    expected = wanted[0], [line.replace(*REMEDIES) for line in wanted[1]], 1
+    assert shown(run(*call, log, "--native")) == expected
+    found = shown(run(*call, "-", "--native", data=log.read_bytes()))
+    assert [line.replace("<stdin>", "") for line in found[0]] == expected[0]
+    assert found[1:] == expected[1:]
+    report = run(*call, log, "--native", "--report", folder / "report.html")
+    assert report.exit_code == 2
+
+
+def test_keys_of_joins_are_forgotten(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The engine needs room for all keys to detect the same."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    (tree := folder / "joins.rvaft").write_text(SHARED_USER.replace("LATE", "2 s"), encoding="utf-8")
+    random, lines = Random(3), list[str]()
+    for number in range(3_000):
+        user = 2 if (name := "xyzw"[number % 4]) == "y" or random.random() < 0.3 else 1
+        lines.append(json.dumps({"k": name, "user": user, "ts": number / 4, "key": f"k{number // 4}"}))
+    (log := folder / "joins.jsonl").write_text("\n".join(lines), encoding="utf-8")
+    call = ("monitor", tree, log, "--key", "key", "--detections", "--format", "jsonl")
+    wanted, few = run(*call), run(*call, "--max-keys", "700", "--native")
+    assert few.stdout == wanted.stdout
+    assert wanted.stdout.count("\n") > 300
+
+
+def test_without_room_for_keys_the_option_is_named(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows that last, and times that a tree does not bound."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    for text in (BURSTS.replace("LATE", "9999 s"), BURSTS.replace(" late LATE", "")):
+        (tree := folder / "lasting.rvaft").write_text(text, encoding="utf-8")
+        (log := folder / "rotating.jsonl").write_text("\n".join(rotating_log(Random(1), 900, early=False)))
+        for where in (log, "-"):
+            data = log.read_bytes() if where == "-" else None
+            found = run("monitor", tree, where, "--key", "key", "--max-keys", "80", "--native", data=data)
+            assert found.exit_code == 2
+            assert "too large: different values of" in found.stderr
+            assert "(limit 80); raise it with --max-keys N" in found.stderr
+            assert "were forgotten" not in found.stderr

@@ -87,6 +87,7 @@ def tables_of(units: Sequence[Unit], *, fronts: bool = False) -> UnitTables:
 
     >>> import rvaft
     >>> from rvaft.core.build import build
+    >>> from rvaft.engine.units import units
     >>> made = tables_of(units(build(rvaft.loads("top sand a b c;"))) or ())
     >>> made.starts, [one.after for one in made.leaves]
     (2, [1, 0, None])

@@ -205,7 +205,7 @@ SHAPES: Final = {
     "many ends": Dense(windows=0.1, nodes=11, letters=3, guards=0, gate_events=0.1, gates=LONG_ENDS),
     "ends and values": Dense(windows=0.2, variables=0.5, nodes=8, gates=ENDING),
     "shared ends": Dense(windows=0.1, sharing=0.6, nodes=8, gates=ENDING),
-    "shared gate": Dense(shares_gate=True, windows=0.1, nodes=8, letters=2, gate_events=0.1, guards=0.05, gates=ENDING),
+    "shared gate": Dense(shares_gate=True, windows=0.1, nodes=8, letters=4, gate_events=0.1, guards=0.05, gates=ENDING),
     "different values": Dense(counted=0.5, variables=0.3, letters=2, nodes=5, guards=0, windows=0.2),
     "absent events": Dense(absences=0.2, guards=0, nodes=6, windows=0.1, gates=CHOOSING),
     "absent values": Dense(absences=0.25, variables=0.6, guards=0.05, nodes=5, letters=2, windows=0.1),

@@ -616,9 +616,24 @@ def _followed(prop: Property, limit: int) -> Property:
             if _shares_below_ends(made):
                 return reduced(prop, limit)
     try:
-        return simplify(_with_guards(made, only_fixed=True))
+        return _below_shared_parts(simplify(_with_guards(made, only_fixed=True)))
     except _Open:
         return reduced(prop, limit)
+
+
+def _below_shared_parts(prop: Property) -> Property:
+    """Return the property with each shared `pand` gate as the only subpart of a shared part.
+
+    So the gate itself is in no shared part, and its parts may end in any order that it allows.
+    """
+    shared = prop.shared
+    ends = {part.source for part in prop.parts if isinstance(part, EndInOrder)}
+
+    def change(part: Part, parts: tuple[Part, ...]) -> Part:
+        new = with_parts(part, parts)
+        return All(part.source, (new,)) if part in shared and part.source in ends else new
+
+    return prop.rewritten(change) if ends else prop
 
 
 def _has_shared_absence(prop: Property) -> bool:

@@ -318,9 +318,14 @@ class Property:
     @property
     def alternatives(self) -> tuple[Self, ...]:
         """The alternatives made by a pass, each as a property, else only this property."""
-        if isinstance(self.root, One) and self.root.source is None:
-            return tuple(replace(self, root=part) for part in self.root.parts)
-        return (self,)
+        if not (isinstance(self.root, One) and self.root.source is None):
+            return (self,)
+        found = list[Self]()
+        for part in self.root.parts:
+            below = set(parts_below(part)) if self.wholes else ()
+            wholes = {source: whole for source, whole in self.wholes.items() if whole in below}
+            found.append(replace(self, root=part, wholes=wholes))
+        return tuple(found)
 
     def rewritten(self, change: Callable[[Part, tuple[Part, ...]], Part]) -> Self:
         """Return the property with each part replaced, inner parts first.

@@ -46,14 +46,15 @@ class SharedNodes:
         mask = self._mask
         own = configuration.taken & mask, configuration.dead & mask, configuration.closed & mask
         parts = tuple([self.progress.flags(configuration, part) for part in self.compiled.parts])
-        key = (*own, parts, configuration.inversions, configuration.broken)
+        finished = configuration.ended >> self.compiled.root & 1 > 0
+        key = (*own, parts, configuration.inversions, configuration.broken, finished)
         found = self._memory.get(key)
         if found is None:
             if len(self._memory) >= MEMORY:
                 self._memory.clear()
             complete = next(self.resolutions(configuration, complete=True), None) is not None
             partial = False
-            if not complete:
+            if not complete and not finished:
                 # Parts are as complete as possible: without a remaining element there is already a
                 # match.
                 resolutions = self.resolutions(configuration, complete=False)

@@ -44,6 +44,8 @@ class Dense:
     nodes: int = 9
     letters: int = 3
     sharing: float = 0.0
+    shares_gate: bool = False
+    """Whether a gate is the only shared node."""
     gate_events: float = 0.3
     variables: float = 0.0
     guards: float = 0.1
@@ -60,15 +62,8 @@ class Dense:
 
 def dense_tree(random: Random, shape: Dense) -> RVAFT:
     """A tree; it may break the rules about scenarios."""
-    gates = random.randint(1, max(1, shape.nodes // 2))
     names = [f"n{index}" for index in range(shape.nodes)]
-    children: dict[int, list[int]] = {index: [] for index in range(gates)}
-    for index in range(1, shape.nodes):
-        above = list(range(min(index, gates)))
-        children[random.choice(above)].append(index)
-        for parent in above:
-            if index not in children[parent] and random.random() < shape.sharing / len(above):
-                children[parent].append(index)
+    children = _with_shared_gate(random, shape) if shape.shares_gate else _children(random, shape)
     nodes = []
     for index, name in enumerate(names):
         below = children.get(index, [])
@@ -78,6 +73,27 @@ def dense_tree(random: Random, shape: Dense) -> RVAFT:
     if shape.windows is not None:
         time = EventTime(("t",), TimeFormat.SECONDS, random.choice((None, None, 0, SECOND, 3 * SECOND)))
     return RVAFT("n0", nodes, EVENTS, causality=random.choice(list(Causality)), time=time)
+
+
+def _children(random: Random, shape: Dense) -> dict[int, list[int]]:
+    gates = random.randint(1, max(1, shape.nodes // 2))
+    children: dict[int, list[int]] = {index: [] for index in range(gates)}
+    for index in range(1, shape.nodes):
+        above = list(range(min(index, gates)))
+        children[random.choice(above)].append(index)
+        for parent in above:
+            if index not in children[parent] and random.random() < shape.sharing / len(above):
+                children[parent].append(index)
+    return children
+
+
+def _with_shared_gate(random: Random, shape: Dense) -> dict[int, list[int]]:
+    gates = random.randint(4, 5)
+    children: dict[int, list[int]] = {0: [1, 2], 1: [2], **{index: [] for index in range(2, gates)}}
+    for index in range(3, shape.nodes):
+        below_shared = [*range(2, min(index, gates))] * 3
+        children[random.choice([0, 1, *below_shared])].append(index)
+    return children
 
 
 def _node(random: Random, shape: Dense, name: str, below: tuple[str, ...], *, is_root: bool) -> Node:
@@ -189,6 +205,7 @@ SHAPES: Final = {
     "many ends": Dense(windows=0.1, nodes=11, letters=3, guards=0, gate_events=0.1, gates=LONG_ENDS),
     "ends and values": Dense(windows=0.2, variables=0.5, nodes=8, gates=ENDING),
     "shared ends": Dense(windows=0.1, sharing=0.6, nodes=8, gates=ENDING),
+    "shared gate": Dense(shares_gate=True, windows=0.1, nodes=8, letters=4, gate_events=0.1, guards=0.05, gates=ENDING),
     "different values": Dense(counted=0.5, variables=0.3, letters=2, nodes=5, guards=0, windows=0.2),
     "absent events": Dense(absences=0.2, guards=0, nodes=6, windows=0.1, gates=CHOOSING),
     "absent values": Dense(absences=0.25, variables=0.6, guards=0.05, nodes=5, letters=2, windows=0.1),

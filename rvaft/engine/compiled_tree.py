@@ -156,6 +156,7 @@ class CompiledTree:
         self.events = tuple(None if one.event is None else one.event.source for one in nodes)
         self.ops = tuple(one.op for one in nodes)
         self.children = tuple(inner)
+        self.child_masks = tuple(map(mask_of, inner))
         self.need = tuple(one.need for one in nodes)
         """The minimum number of children in a scenario."""
         choosing = (node for node, one in enumerate(nodes) if len(one.children) > one.need)

@@ -267,52 +267,53 @@ class SharedNodes:
         compiled, core = self.compiled, self.compiled.core
         able = self._able(configuration, complete=complete)
         touched = self.touched(configuration)
-        needed = [  # nodes that the occurrences taken need
+        needed = mask_of(  # nodes that the occurrences taken need
             node
             for node in core
             if configuration.taken >> node & 1
             or any(self._has(configuration, child, TOUCHED) for child in compiled.children[node])
-        ]
-        # index in the core, reached nodes, resolved nodes
-        agenda: list[tuple[int, int, dict[int, tuple[int, ...]]]] = [(0, 1, {})] if able & 1 else []
+        )
+        # nodes of the core that are not resolved, reached nodes, resolved nodes; parents have smaller numbers
+        agenda: list[tuple[int, int, dict[int, tuple[int, ...]]]] = [(self._mask, 1, {})] if able & 1 else []
         seen: set[Hashable] = set()
         steps = 0
         while agenda:
-            place, reached, kept = agenda.pop()
+            rest, reached, kept = agenda.pop()
             steps += 1
             options: list[tuple[int, ...]] = []
-            while place < len(core):
-                node = core[place]
-                if reached >> node & 1:
-                    steps += 1
-                    options = list(self._options(configuration, node, able, complete=complete))
-                    if len(options) != 1:
-                        break
-                    kept[node] = options[0]
-                    reached |= mask_of(options[0])
-                place += 1
+            while ahead := reached & rest:
+                node = (ahead & -ahead).bit_length() - 1
+                steps += 1
+                options = list(self._options(configuration, node, able, complete=complete))
+                if len(options) != 1:
+                    break
+                kept[node] = options[0]
+                whole = len(options[0]) == len(compiled.children[node])
+                reached |= compiled.child_masks[node] if whole else mask_of(options[0])
+                rest &= -2 << node
             if steps > self.limit:
                 named = compiled.some(node for node in core if compiled.chooses >> node & 1)
                 raise TooLarge(f"resolutions of the choices that share nodes: {named}", limit=self.limit)
-            ahead = reached & self._mask & -(1 << core[place]) if place < len(core) else 0
-            within_reach = reached
-            for later in core[place:]:
-                if within_reach >> later & able >> later & 1:
-                    within_reach |= mask_of(compiled.children[later])
-            if not all(within_reach >> one & 1 for one in needed):
+            within_reach, possible = reached, rest & able
+            while later := within_reach & possible:
+                node_ahead = (later & -later).bit_length() - 1
+                within_reach |= compiled.child_masks[node_ahead]
+                possible &= -2 << node_ahead
+            if needed & ~within_reach:
                 continue
             outlook = self._outlook(configuration, kept, touched, ahead)
             if outlook is None:
                 continue
-            resolved = place == len(core)
+            resolved = not ahead
             spans = self._spans(configuration, kept, ahead, complete=complete, resolved=resolved, fresh=fresh)
-            if spans is None or (place, ahead, outlook, spans) in seen:
+            if spans is None or (ahead, outlook, spans) in seen:
                 continue
-            seen.add((place, ahead, outlook, spans))
-            if place == len(core):
+            seen.add((ahead, outlook, spans))
+            if resolved:
                 yield kept
             else:
-                agenda.extend((place + 1, reached | mask_of(c), {**kept, node: c}) for c in reversed(options))
+                rest &= -2 << node
+                agenda.extend((rest, reached | mask_of(c), {**kept, node: c}) for c in reversed(options))
 
     def _able(self, configuration: Configuration, *, complete: bool) -> int:
         compiled, taken = self.compiled, configuration.taken

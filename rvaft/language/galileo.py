@@ -12,7 +12,6 @@ from typing import Final
 
 from rvaft.errors import LanguageError
 from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Located
-from rvaft.language.priority_and import read_priority_gates, unordered
 from rvaft.model.nodes import Gate, Place
 from rvaft.model.tree import find_cycle
 
@@ -39,12 +38,16 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     """
     uses = [(node, located) for node in draft.nodes.values() for located in node.gates if located.value.dynamic]
     uses = [(n, located) for n, located in uses if located.value.dynamic != "pand" or is_galileo(located.place.file)]
-    if strict and uses:
+    if not uses:
+        return
+    if strict:
         node, (use, place) = min(uses, key=lambda found: found[1].place)
         raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused by strict Galileo", place)
+    from rvaft.language.priority_and import read_priority_gates  # noqa: PLC0415 -- imported on use
+
     _check_spares(uses)
     dependencies = [(node, located) for node, located in uses if located.value.is_dependency and len(node.gates) == 1]
-    below = {child.value for node in draft.nodes.values() for child in node.children()} if uses else set()
+    below = {child.value for node in draft.nodes.values() for child in node.children()}
     below.update(toplevel.value for toplevel in draft.toplevels)
     for node, (use, place) in uses:
         if not use.is_dependency and use.dynamic != "pand":
@@ -60,6 +63,8 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
 
 def _drop_order(draft: Draft, names: list[str], dependents: list[str]) -> None:
     """Read the gates as `and` whose parts can fail together, or of which a trigger can fail a later part first."""
+    from rvaft.language.priority_and import unordered  # noqa: PLC0415 -- imported on use
+
     for name in unordered(draft, names, dependents):
         node = draft.nodes[name]
         use, place = node.gates[0]

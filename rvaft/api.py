@@ -162,12 +162,10 @@ def monitor(
     expect("branch", branch, int | None, "an int")
     expect("limit", limit, int, "an int")
     expect("repeat", repeat, bool, "a bool")
-    from rvaft.engine.monitor import Engine  # noqa: PLC0415 -- imported on use
-
     expect("repeat_by", repeat_by, str | None, "a str")
+    part, meaning = narrowed(tree, branch, kind), resolve_semantics(tree, semantics)
     repeat = repeat or repeat_by is not None
-    by = repeat_by or (tree.repeat_by if repeat else None)
-    engine = Engine(narrowed(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit, repeat_by=by)
+    engine = repeating_engine(part, meaning, limit=limit, repeat=repeat, by=repeat_by)
     return Repetition(engine) if repeat else engine
 
 
@@ -251,6 +249,17 @@ def _branch_text(branch: Branch) -> str:
 
 RVAFT.notebook_svg = staticmethod(_notebook_svg)
 Branch.text = staticmethod(_branch_text)
+
+
+def repeating_engine(
+    tree: RVAFT, semantics: Semantics, *, limit: int = DEFAULT_LIMIT, repeat: bool = False, by: str | None = None
+) -> Monitor:
+    """Return the engine of a tree or part that may be repeated, each value of a variable for itself if `by` or the
+    tree names one.
+    """
+    from rvaft.engine.monitor import Engine  # noqa: PLC0415 -- imported on use
+
+    return Engine(narrowed(tree), semantics, limit=limit, repeat_by=by or (tree.repeat_by if repeat else None))
 
 
 def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:

@@ -181,6 +181,8 @@ def report_command(
     if many:
         options.refuse(output in (None, "", "-"), "several trees have a page each: name a folder for them by -o")
         folder = Path(output or "")
+        wrong = not folder.is_dir() and (folder.exists() or not folder.parent.is_dir())
+        options.refuse(wrong, f"-o {output}: name a folder, or a new one in a folder that exists")
         require_folder(folder if folder.exists() else folder.parent)
     else:
         options.require_writable([output or "-"])

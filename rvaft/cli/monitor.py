@@ -4,12 +4,13 @@ import shutil
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from rvaft.api import narrowed, resolve_semantics, translate
+from rvaft.api import narrowed, repeating_engine, resolve_semantics, translate
 from rvaft.cli import FAILED, Failures, log_options, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
@@ -358,8 +359,7 @@ def plan_of(
 
             return Engine(part, semantics, strategy=NativeMatches(part, native_run))
         try:
-            by = given["repeat_by"] or (part.repeat_by if given["repeat"] else None)
-            return Engine(narrowed(part), semantics, limit=limit, repeat_by=by)
+            return repeating_engine(part, semantics, limit=limit, repeat=given["repeat"], by=given["repeat_by"])
         except TooLarge as error:
             if error.limit == limit and not getattr(error, "__notes__", ()):
                 error.add_note("--max-configurations allows more")
@@ -487,7 +487,8 @@ def _word(word: str, trees: Sequence[RVAFT]) -> TraceSource:
             event = on_text(node.on)
             warn(f"the letter {letter} is its default event, but the node {letter} has the event {event}")
             continue
-        patterns = (relevant.pattern for tree in trees for relevant in tree.alphabet)
+        absent = (pattern for tree in trees for *_, pattern in tree.absences)
+        patterns = chain((relevant.pattern for tree in trees for relevant in tree.alphabet), absent)
         if not any(match(pattern, {"event": letter}, {}) is not None for pattern in patterns):
             unknown.append(letter)
     if unknown:

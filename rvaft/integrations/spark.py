@@ -17,8 +17,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 import msgspec
 
 import rvaft
-from rvaft.api import loads, narrowed, resolve_semantics
-from rvaft.api import monitor as monitor_of
+from rvaft.api import loads, narrowed, repeating_engine, resolve_semantics
 from rvaft.errors import OptionError, RvaftError, ToolMissing
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import duration
@@ -182,7 +181,7 @@ def _planned(options: _Options) -> _Plan:
     tree = loads(options.text)
     semantics = Semantics(options.semantics)
     parts = columns(narrowed(tree, options.branch, options.kind), Per(options.per))
-    make = partial(monitor_of, semantics=semantics, limit=options.limit)
+    make = partial(repeating_engine, semantics=semantics, limit=options.limit, repeat=options.repeat)
     monitors = MonitorSet(parts, make, semantics, repeat=options.repeat, cooldown=options.cooldown)
     key = Key.parse(options.key)
     order_by = options.order_by or ".".join(tree.time.field if tree.time else ())

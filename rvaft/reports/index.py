@@ -29,18 +29,19 @@ class Row(NamedTuple):
 def page_names(trees: Iterable[str]) -> tuple[str, ...]:
     """Return a different name for the page of each tree, which an address may contain.
 
-    >>> page_names(["a/frost.rvaft", "b/frost.rvaft", "c/heat wave.rvaft"])
-    ('frost', 'frost-2', 'heat_wave')
+    >>> page_names(["a/frost.rvaft", "b/Frost.rvaft", "c/heat wave.rvaft"])
+    ('frost', 'Frost-2', 'heat_wave')
     """
-    found: dict[str, None] = {INDEX: None}
+    names, taken = list[str](), {INDEX}
     for tree in trees:
         name = first = re.sub(r"[^A-Za-z0-9_-]", "_", PurePath(tree).stem) or "_"
         number = 1
-        while name in found:
+        while name.lower() in taken:  # file systems may not tell cases apart
             number += 1
             name = f"{first}-{number}"
-        found[name] = None
-    return tuple(found)[1:]
+        taken.add(name.lower())
+        names.append(name)
+    return tuple(names)
 
 
 def index_page(rows: Sequence[Row], told: Sequence[str], *, live: bool = False) -> bytes:

@@ -19,7 +19,7 @@ from rvaft.core.property import (
     Without,
 )
 from rvaft.core.scenario_space import ScenarioSpace
-from rvaft.core.scenarios import Scenario, scenarios
+from rvaft.core.scenarios import Scenario, most_events, scenarios
 from rvaft.errors import TooLarge
 from rvaft.language.draft import Draft
 from rvaft.model.expressions import without_text
@@ -45,6 +45,17 @@ def without(draft: Draft) -> Iterator[RuleReport]:
             elif clause.duration is not None and clause.side is Side.DURING:
                 message = f"the `for` at {node.name} needs a side: `for 5 s after` or `for 5 s before`"
                 yield RuleReport(place, message, (node.name,))
+
+
+def void_absence(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """A `without` between the events of a part is at a node whose part has two events."""
+    tree, most = space.tree, most_events(space.prop.parts)
+    for part in space.prop.absences:
+        if part.side is Side.DURING and most[part] < 2:
+            node = tree.nodes[part.source.node]
+            clause = node.without[part.number - 1]
+            message = "its part has one event, so that no event lies between; add `before` or `for D after`"
+            yield RuleReport(clause.place, _said(node, clause, message), (node.name,))
 
 
 def unbound_absence(space: ScenarioSpace) -> Iterator[RuleReport]:

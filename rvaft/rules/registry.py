@@ -9,7 +9,7 @@ from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.errors import RvaftError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT
-from rvaft.rules import ambiguity, contradictions, scenarios, structure, times, types
+from rvaft.rules import absences, ambiguity, contradictions, scenarios, structure, times, types
 from rvaft.rules.rule import Finding, Rule, Severity
 from rvaft.rules.validity import DRAFT_RULES, ORDER, TREE_ERRORS, UNDECIDED, check_draft, findings
 from rvaft.support.budget import DEFAULT_LIMIT
@@ -28,6 +28,7 @@ TREE_RULES: Final = (
     Rule("ros-time", Severity.INFORMATION, times.ros_time),
     Rule("unstated-semantics", Severity.WARNING, times.unstated_semantics),
     Rule("tied-values", Severity.WARNING, times.tied_values),
+    Rule("void-absence", Severity.WARNING, absences.void_absence),
     Rule("undeclared", Severity.WARNING, structure.undeclared),
     Rule("unreachable", Severity.WARNING, structure.unreachable),
     Rule("unused-event", Severity.WARNING, structure.unused_event),

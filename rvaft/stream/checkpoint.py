@@ -34,11 +34,11 @@ import rvaft
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import EventTime, Jump, TextFormat, TimeFormat
-from rvaft.model.nodes import Assumption, Kind, Place
+from rvaft.model.nodes import Assumption, Kind, Place, Side
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Exact
 from rvaft.model.verdict import Semantics, Verdict
-from rvaft.monitors import Awaited, Ended, Explanation, MatchedEvent, Pending
+from rvaft.monitors import Absence, Awaited, Ended, Explanation, MatchedEvent, Pending
 from rvaft.readers.json_lines import MAX_DEPTH, LinesRead, NonFiniteEvent, RepeatingObject
 from rvaft.readers.log import failures_of, unreadable
 from rvaft.stream.data_warnings import DataWarning, DataWarnings, Doubt
@@ -63,9 +63,11 @@ _BLOCK: Final = 1 << 20
 _ANEW: Final = "remove it to begin anew"
 _BUILT_IN: Final = (dict, frozenset, list, set, Counter, OrderedDict)
 _OF_TREES: Final = (
-    *(EventTime, Exact, Jump, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, TextFormat, TimeFormat, Verdict),
+    *(EventTime, Exact, Jump, Kind, NonFiniteEvent, Place, RepeatingObject, Semantics, Side, TextFormat, TimeFormat),
+    Verdict,
 )
 _OF_MONITORS: Final = (
+    Absence,
     Awaited,
     Backwards,
     Ended,
@@ -138,23 +140,23 @@ def unpacked(data: bytes | memoryview) -> object:
 class _PackedTraces:
     """The packed states of monitored traces, in batches.
 
-    Only traces with new events are packed again. The last state of a trace counts; once most states
+    Only traces with new events, or that were told a time, are packed again. The last state of a trace counts; once most states
     are outdated, all are packed anew.
     """
 
     def __init__(self) -> None:
         self.batches: list[bytes] = []
         self._states = 0
-        self._events: list[int] = []
-        """By place of the trace, the number of events when it was packed, or -1."""
+        self._packed: list[int] = []
+        """By place of the trace, the number of its changes when it was packed, or -1."""
 
     def pack(self, traces: Sequence[MonitoredTrace], deadline: float) -> None:
         """Pack what has changed; after `_OutOfTime`, another call packs the rest."""
-        self._events += [-1] * (len(traces) - len(self._events))
-        changed = [place for place, one in enumerate(traces) if one.events != self._events[place]]
+        self._packed += [-1] * (len(traces) - len(self._packed))
+        changed = [place for place, one in enumerate(traces) if one.changes != self._packed[place]]
         if self._states + len(changed) > 2 * len(traces) + _BATCH:
             self.batches, self._states, changed = [], 0, list(range(len(traces)))
-            self._events = [-1] * len(traces)
+            self._packed = [-1] * len(traces)
         for start in range(0, len(changed), _BATCH):
             if monotonic() > deadline:
                 raise _OutOfTime
@@ -162,7 +164,7 @@ class _PackedTraces:
             self.batches.append(packed([(place, traces[place].state) for place in places], deadline))
             self._states += len(places)
             for place in places:
-                self._events[place] = traces[place].events
+                self._packed[place] = traces[place].changes
 
     def unpack(self, batches: list[bytes]) -> list[TraceState]:
         """Return the states in batches, which need not be packed again."""
@@ -172,7 +174,7 @@ class _PackedTraces:
             found.update(states)
             self._states += len(states)
         self.batches = batches
-        self._events = [found[place][2] for place in range(len(found))]
+        self._packed = [found[place][2] for place in range(len(found))]
         return [found[place] for place in range(len(found))]
 
 

@@ -168,10 +168,17 @@ class MonitoredTrace:
     key: tuple[Json, ...] | None = None
     buffer: EventBuffer = field(default_factory=EventBuffer)
     events: int = 0
+    told: int = 0
+    """How often the monitors were told something without an event."""
+
+    @property
+    def changes(self) -> int:
+        """A number that grows with each change of the state, which only events and what is told make."""
+        return self.events + self.told
 
     @property
     def state(self) -> TraceState:
-        """The state for `TraceRun.restore`; it changes only together with `events`."""
+        """The state for `TraceRun.restore`; it changes only together with `changes`."""
         return self.key, self.monitors.snapshot, self.events
 
 

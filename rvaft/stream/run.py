@@ -263,7 +263,9 @@ class TraceRun:
                 if assumed is not None:
                     data_warnings.note_broken(assumed, event, f"{prefix}event {number}")
                 if keys is not None:
-                    if sees_times:
+                    if sees_times and self._deadlines:
+                        self._remember(served)
+                        served = []
                         self._pass_to_all(event)
                     value = event.get(keyed_by) if keyed_by else None
                     watch = known.get((value,)) if type(value) is str else None
@@ -424,6 +426,7 @@ class TraceRun:
 
     def _tell(self, watches: Iterable[MonitoredTrace], tell: Callable[[Monitor], Verdict], passed: str) -> None:
         for watch in watches:
+            watch.told += 1
             changed = watch.monitors.told(tell, self.number)
             if changed:
                 self.notify(VerdictChange(watch, self.number, {}, changed, passed=passed))

@@ -56,6 +56,21 @@ def test_a_later_time_of_any_event_decides(tmp_path: Path) -> None:
     assert "no beat(Robot) for 2 s after event 1, as event 3 shows (lost)" in text
 
 
+@pytest.mark.parametrize("options", [[], ["--repeat"], ["--key", "beat", "--repeat"]])
+def test_what_did_not_happen_is_kept_in_a_checkpoint(tmp_path: Path, options: list[str]) -> None:
+    """A run that goes on from it, before and after a detection, says what a run over all events says."""
+    events = beats((1, 0), (1, 1), (None, 4), (1, 5), (1, 6), (None, 9), (None, 10))
+    file = tree(tmp_path, BEAT.format(form="s", lost=LOST))
+    expected = jsonl(file, log(tmp_path, events), *options, "--detections")
+    whole, kept = (tmp_path / "log.jsonl").read_text().splitlines(keepends=True), tmp_path / "kept"
+    told: list[Any] = []
+    for count in range(1, len(events) + 1):
+        (tmp_path / "log.jsonl").write_text("".join(whole[:count]))
+        told += jsonl(file, tmp_path / "log.jsonl", *options, "--detections", "--checkpoint", kept)
+    assert told == expected
+    assert expected[0]["absent"][0]["after"] in (1, 2)
+
+
 def test_an_entity_that_sends_nothing_is_found_by_the_times_of_others(tmp_path: Path) -> None:
     events = beats((1, 0), (2, 0), (2, 1), (2, 2), (2, 3), (2, 4))
     files = tree(tmp_path, BEAT.format(form="s", lost=LOST)), log(tmp_path, events)

@@ -105,7 +105,7 @@ def test_several_trees_have_a_page_each_and_one_that_lists_them(tmp_path: Path) 
     ]
     failed(run("report", first, second, "--", log), "several trees have a page each", "-o")
     failed(run("report", first, second, "--branch", 1, "-o", folder, "--", log), "--branch is for one tree")
-    failed(run("report", first, second, "-o", tmp_path / "none" / "here", "--", log), "is not a folder")
+    failed(run("report", first, second, "-o", tmp_path / "none" / "here", "--", log), "a folder that exists")
 
 
 def test_a_tree_that_becomes_too_large_leaves_the_pages_of_others(tmp_path: Path) -> None:
@@ -181,7 +181,7 @@ def test_what_cannot_be_read_or_written(tmp_path: Path) -> None:
     for where, said in (
         (good, "the command reads this file"),
         (SAND, "the command reads this file"),
-        (tmp_path / "no" / "x", "is not a folder"),
+        (tmp_path / "no" / "x", "a folder that exists"),
     ):
         done = run("report", SAND, good, "-o", where)
         assert (done.exit_code, said in done.stderr, done.stderr.count("\n")) == (2, True, 1)

@@ -164,7 +164,8 @@ def serve_command(
         with about(file, many=many):
             part = _part_of(whole, time, branch, kind)
             protocols[name] = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
-            first[name] = Session(part, how["semantics"], per=per, repeat=how["repeat"], cooldown=how["cooldown"])
+            again = {option: how[option] for option in ("repeat", "repeat_by", "cooldown")}
+            first[name] = Session(part, how["semantics"], per=per, **again)
     options.require_times(how["clock"], wholes.values())
 
     standard.unblock()

@@ -15,10 +15,11 @@ from copy import copy
 from dataclasses import KW_ONLY, dataclass
 from datetime import datetime
 from enum import StrEnum
+from functools import partial
 from operator import methodcaller
 from typing import Any, Final, Self
 
-from rvaft.api import monitor, resolve_semantics
+from rvaft.api import repeating_engine, resolve_semantics
 from rvaft.core.classifier import TreeReads
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Literal, ObjectPattern
@@ -70,7 +71,7 @@ class Session:
 
     A monitor fails beyond `limit` partial matches; `failures` has the reasons. `buffer` keeps time
     and topic of a bounded number of recent events, for explanations. `repeat` and `cooldown` are as
-    for `MonitorSet`.
+    for `MonitorSet`, `repeat_by` as for `rvaft.monitor`.
     """
 
     def __init__(
@@ -81,11 +82,12 @@ class Session:
         per: Per = Per.TREE,
         limit: int = DEFAULT_LIMIT,
         repeat: bool = False,
+        repeat_by: str | None = None,
         cooldown: int | None = None,
     ) -> None:
         self.semantics = meaning = resolve_semantics(tree, semantics)
-        self.repeat = repeat
-        make = lambda part: monitor(part, semantics=meaning, limit=limit)  # noqa: E731
+        self.repeat = repeat = repeat or repeat_by is not None
+        make = partial(repeating_engine, semantics=meaning, limit=limit, repeat=repeat, by=repeat_by)
         repeating: Any = {"repeat": repeat, "cooldown": cooldown}
         parts = columns(tree, per)
         self.monitors = {column.label: MonitorSet([column], make, meaning, **repeating) for column in parts}

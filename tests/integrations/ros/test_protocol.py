@@ -106,6 +106,17 @@ def test_what_the_time_detects_is_told_by_the_next_reply() -> None:
         assert (first["variables"], first["absent"][0]["before"]) == ({"X": 7}, None)
 
 
+@pytest.mark.parametrize(("statement", "options"), [("", {"repeat_by": "R"}), ("repeat by R; ", {"repeat": True})])
+def test_only_the_detected_value_begins_again(statement: str, options: dict[str, Any]) -> None:
+    """So 2 goes on after the detection of 1, and is detected with its second beat."""
+    text = f"semantics scattered; {statement}event beat(r) = {{ beat: r }}; two on beat(R) times 2;"
+    tree = loads(text)
+    replies = answers(Protocol(tree), Session(tree, **options), *(f'{{"beat": {one}}}' for one in (1, 2, 1, 2, 1)))
+    told = [(reply["verdict"], reply.get("detection")) for reply in replies]
+    going_on, found = "currently_true", "currently_false"
+    assert told == [(going_on, None), (going_on, None), (found, 1), (found, 2), (going_on, None)]
+
+
 def test_a_fork_remembers_for_itself_when_and_where_events_came() -> None:
     tree = loads('event e(x) = {topic: "/c", p: x}; top sand a b; a on e(1); b on e(2);')
     speaking, first = Protocol(tree), Session(tree)

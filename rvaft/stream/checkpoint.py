@@ -140,8 +140,8 @@ def unpacked(data: bytes | memoryview) -> object:
 class _PackedTraces:
     """The packed states of monitored traces, in batches.
 
-    Only traces with new events, or that were told a time, are packed again. The last state of a trace counts; once most states
-    are outdated, all are packed anew.
+    Only traces with new events, or that were told a time, are packed again. The last state of a trace counts; once
+    most states are outdated, all are packed anew.
     """
 
     def __init__(self) -> None:

@@ -181,7 +181,7 @@ def test_what_cannot_be_read_or_written(tmp_path: Path) -> None:
     for where, said in (
         (good, "the command reads this file"),
         (SAND, "the command reads this file"),
-        (tmp_path / "no" / "x", "a folder that exists"),
+        (tmp_path / "no" / "x", "is not a folder"),
     ):
         done = run("report", SAND, good, "-o", where)
         assert (done.exit_code, said in done.stderr, done.stderr.count("\n")) == (2, True, 1)

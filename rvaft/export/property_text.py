@@ -116,7 +116,8 @@ def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int
     lines, used = [""], 0
     for text, shown in zip(breakable(term, _LATEX, limit=limit), breakable(term, _UNICODE, limit=limit), strict=True):
         if lines[-1] and used + len(shown) > width:
-            lines[-1] = f"{lines[-1].rstrip()} "
+            ended = lines[-1].rstrip()
+            lines[-1] = f"{ended}  " if ended.endswith("\\") else f"{ended} "  # `\ ` is a space that is shown
             lines.append(" ")
             used = _INDENT
         lines[-1] += text.lstrip() if lines[-1] == " " else text

@@ -6,32 +6,32 @@ The events of a match stand again in each negated part, since MonPoly compares b
 from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
-from itertools import count, product
+from itertools import product
 from operator import or_
 from typing import NamedTuple, Self, assert_never
 
 from backends.event_columns import FittingEvent
 from backends.mfotl.conditions import Conditions, Ways, both
 from rvaft.core.conditions import Unsayable
+from rvaft.core.passes import time_names
 from rvaft.core.patterns import compatible
-from rvaft.core.property import Condition, Event, Part, Property, Source, Without, parts_below, with_parts
+from rvaft.core.property import Event, Part, Property, Source, Without, parts_below, with_parts
 from rvaft.core.scenarios import Scenario
 from rvaft.core.times import timed, untimed
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
-from rvaft.model.patterns import variables as pattern_variables
 
 
-class Atom(NamedTuple):
+class PredicateText(NamedTuple):
     """A predicate with its arguments."""
 
     text: str
     names: tuple[str, ...]
 
 
-class Clause(NamedTuple):
+class ClauseText(NamedTuple):
     """What a `without` adds to a formula: ways in which it is decided, with the variables `names`, and ways in
     which an event breaks it, with those of `own`.
     """
@@ -42,7 +42,7 @@ class Clause(NamedTuple):
     own: tuple[str, ...]
 
 
-class Absence(NamedTuple):
+class LackedEvent(NamedTuple):
     """A `without` of a scenario, the events of its part, and the variable of the time that decides it, which may be
     so late.
     """
@@ -143,8 +143,7 @@ def timed_absences(prop: Property) -> tuple[Property, dict[tuple[Source, int], s
     }
     if not needed:
         return prop, {}
-    taken = {name for part in prop.parts for name in _names(part)}
-    free = (name for number in count(1) if (name := f"T{number}") not in taken)
+    free = time_names(prop)
     deciding: dict[tuple[Source, int], str] = {}
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
@@ -164,20 +163,8 @@ def timed_absences(prop: Property) -> tuple[Property, dict[tuple[Source, int], s
     return prop.rewritten(change), deciding
 
 
-def _names(part: Part) -> Iterable[str]:
-    match part:
-        case Event():
-            return pattern_variables(part.pattern)
-        case Without():
-            return (*pattern_variables(part.pattern), *variables(part.guard))
-        case Condition():
-            return variables(part.guard)
-        case _:
-            return ()
-
-
 def without(
-    formula: str, bound: Sequence[str], clauses: Sequence[Clause], spend: Callable[[int], None]
+    formula: str, bound: Sequence[str], clauses: Sequence[ClauseText], spend: Callable[[int], None]
 ) -> Iterator[str]:
     """Yield the formula of a match whose clauses hold, for each way in which they are decided."""
     for deciding in product(*(one.deciding for one in clauses)):
@@ -193,15 +180,15 @@ def without(
 
 
 def clause_of(
-    absence: Absence,
+    absence: LackedEvent,
     tests: tuple[Ways, Ways],
     names: tuple[str, str],
     *,
     scenario: Scenario,
     places: Mapping[Event, str],
     bound: Container[str],
-    atom: Callable[[str, FittingEvent, frozenset[str], str], Atom],
-) -> Clause:
+    atom: Callable[[str, FittingEvent, frozenset[str], str], PredicateText],
+) -> ClauseText:
     """Return what a clause asks of the events of a match at their places.
 
     `tests` say when it is decided and when it is broken; `names` are the positions of the events that do so.
@@ -227,11 +214,11 @@ def clause_of(
     breaks = [(f"ONCE {broken.text}", *gap, *used, *way) for gap, way in product(gaps, breaking)]
     own = tuple(name for name in broken.names if name not in bound)
     if clause.side is not Side.AFTER:
-        return Clause(((),), (), tuple(breaks), own)
+        return ClauseText(((),), (), tuple(breaks), own)
     event = FittingEvent(timed(ObjectPattern(()), absence.now))
     decider = atom("time", event, absence.deciding, last)
     deciding = [(f"ONCE {decider.text}", *(f"{one} < {last}" for one in ends), *way) for way in decided]
-    return Clause(tuple(deciding), decider.names, tuple(breaks), own)
+    return ClauseText(tuple(deciding), decider.names, tuple(breaks), own)
 
 
 def conjoined(formula: str, conditions: Iterable[str]) -> str:

@@ -12,7 +12,7 @@ from typing import Final
 
 from backends.absences import without_vacuous
 from backends.event_columns import FittingEvent, ValueColumn, time_variables
-from backends.mfotl.absences import Absence, Atom, clause_of, conjoined, exists, timed_absences, without
+from backends.mfotl.absences import LackedEvent, PredicateText, clause_of, conjoined, exists, timed_absences, without
 from backends.mfotl.conditions import Conditions, Ways, both
 from backends.mfotl.monpoly import Column, MfotlHeader
 from backends.orders import Orders
@@ -94,7 +94,7 @@ class MfotlFormula:
         order = sorted(range(len(scenario.events)), key=lambda one: -later[one])
         events = [scenario.events[one] for one in order]
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in events}
-        absences = Absence.all(scenario, self._deciding, self._lateness)
+        absences = LackedEvent.all(scenario, self._deciding, self._lateness)
         others = [names for one in absences for names in (one.bound, one.deciding)]
         conditions, ways = Conditions(self._times, [*bound.values(), *others], self._column), list[Ways]()
 
@@ -116,9 +116,9 @@ class MfotlFormula:
         places = {name: f"i{number}" for number, name in enumerate(events, 1)}
         arguments = sorted(tied | conditions.columns, key=self._column)
 
-        def atom(node: str, event: FittingEvent, names: frozenset[str], place: str) -> Atom:
+        def atom(node: str, event: FittingEvent, names: frozenset[str], place: str) -> PredicateText:
             columns = tuple(one for one in arguments if names.issuperset(variables(one[0])))
-            return Atom(self._atom(node, event, columns, place), (*map(self._column, columns), place))
+            return PredicateText(self._atom(node, event, columns, place), (*map(self._column, columns), place))
 
         matched = [
             atom(name.source.node, FittingEvent(name.pattern, tuple(own[name])), bound[name], places[name])

@@ -46,7 +46,6 @@ from rvaft.model.guards import (
     renamed,
     substitute,
     time_points,
-    variables,
 )
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import Literal, Pattern, Variable
@@ -145,7 +144,7 @@ def _expand_times(prop: Property, _: int) -> Property:
         numbers = range(1, part.count + 1)
         return [Event(Source(node, number), renamed_pattern(part, number)) for number in numbers]
 
-    used = {name for part in prop.parts for name in _variables(part)}
+    used = prop.variables
 
     def renamed_pattern(part: Times, number: int) -> Pattern:
         own = {old: Variable(new) for old, new in own_of(part, number).items()}
@@ -468,10 +467,15 @@ windows_to_guards: Final = Pass("windows_to_guards", frozenset({Within}), _windo
 """Windows, `start` and `end` become guards over single events, or alternatives."""
 
 
+def time_names(prop: Property) -> Iterator[str]:
+    """Yield names for times of events that no part uses: T1, T2 and so on."""
+    taken = prop.variables
+    return (name for number in count(1) if (name := f"T{number}") not in taken)
+
+
 def _bind_times(prop: Property, _: int) -> Property:
     used = {point.name for part in prop.parts if isinstance(part, Condition) for point in time_points(part.guard)}
-    taken = {name for part in prop.parts for name in _variables(part)}
-    free = (name for number in count(1) if (name := f"T{number}") not in taken)
+    free = time_names(prop)
     points = (TimePoint.of("at", *event.source).name for event in prop.events)
     used_points = dict.fromkeys((*(name for name in points if name in used), *sorted(used)))
     names = {name: next(free) for name in used_points}
@@ -490,18 +494,6 @@ def _bind_times(prop: Property, _: int) -> Property:
     late = prop.time is not None and prop.time.late is not None
     absent = any(clause.duration is not None for clause in prop.absences)
     return replace(made, time=prop.time if names or late or absent else None)
-
-
-def _variables(part: Part) -> tuple[str, ...]:
-    match part:
-        case Event() | Times():
-            return patterns.variables(part.pattern)
-        case Condition():
-            return variables(part.guard)
-        case All() | Sequence() | One() | AtLeast() | EndInOrder() | Within() | Without():
-            return ()
-        case _:
-            assert_never(part)
 
 
 bind_times: Final = Pass("bind_times", frozenset(), _bind_times)

@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import cached_property
-from typing import Any, Final, NamedTuple, Self, TypeAlias
+from typing import Any, Final, NamedTuple, Self, TypeAlias, assert_never
 from weakref import WeakValueDictionary
 
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard, time_points, variables
 from rvaft.model.nodes import Assumption, Kind, Relevant, Side
 from rvaft.model.patterns import Pattern, rigid_variables
+from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT, sorted_topologically
 
 
@@ -239,6 +240,21 @@ def parts_below(root: Part, inner: Callable[[Part], tuple[Part, ...]] = _all_par
     return tuple(sorted_topologically(seen))[::-1]
 
 
+def variables_in(part: Part) -> tuple[str, ...]:
+    """Return the variables of a part itself, without those of its subparts."""
+    match part:
+        case Event() | Times():
+            return pattern_variables(part.pattern)
+        case Condition():
+            return variables(part.guard)
+        case Without():
+            return (*pattern_variables(part.pattern), *variables(part.guard))
+        case All() | Sequence() | One() | AtLeast() | EndInOrder() | Within():
+            return ()
+        case _:
+            assert_never(part)
+
+
 class Ignored(NamedTuple):
     """A pattern of events that are never relevant; its variables are local."""
 
@@ -326,6 +342,11 @@ class Property:
             wholes = {source: whole for source, whole in self.wholes.items() if whole in below}
             found.append(replace(self, root=part, wholes=wholes))
         return tuple(found)
+
+    @property
+    def variables(self) -> frozenset[str]:
+        """The variables of all parts."""
+        return frozenset(name for part in self.parts for name in variables_in(part))
 
     def rewritten(self, change: Callable[[Part, tuple[Part, ...]], Part]) -> Self:
         """Return the property with each part replaced, inner parts first.

@@ -225,6 +225,17 @@ def test_absent_events_of_random_trees(shape: str, *, verified: bool) -> None:
     assert found > 20
 
 
+@pytest.mark.parametrize("own", ["T1", "T2", "Z"])
+def test_the_time_of_an_event_has_no_name_of_a_clause(own: str) -> None:
+    """A variable of its own that is called like a time is another one."""
+    text = emitted(
+        f"time t as s; event e(k, x) = {{ k: k, x: x }}; top sand a b within 5 s without e(3, {own}) when {own} > 1; "
+        "a on e(1, _); b on e(2, _);"
+    )
+    a, b, absent = (line[line.index("(") + 1 : -1].split(", ") for line in MfotlBackend.signature(text).splitlines())
+    assert {*absent} & {*a, *b} == {"position: int"}
+
+
 LASTING = (
     "semantics scattered; time t as s; event e(x, y) = { x: x, y: y };"
     "low on e(1, Y) without e(2, Y) for 2 s after without e(3, Y) for 2 s before;"

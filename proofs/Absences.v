@@ -618,14 +618,8 @@ Lemma in_watched : forall t w q, In q (all_watched t w) <->
     acyclic before (occurrences_of t r) = true /\
     q = watched_here t (guards_of t r) (parts t r) (absences_of t r) (occurrences_of t r) before.
 Proof.
-  intros t w q; unfold all_watched. rewrite in_flat_map. split.
-  - intros (r & I & J). apply filter_In in I as [I K]. unfold each_scenario in J.
-    destruct (constants_hold (guards_of t r)) eqn:C; [| destruct J].
-    apply in_flat_map in J as (chosen & J & L). cbv zeta in L.
-    destruct (acyclic _ _) eqn:Y in L; [| destruct L]. destruct L as [<- | []].
-    exists r, chosen. repeat split; auto.
-  - intros (r & chosen & I & K & C & J & Y & ->). exists r; split; [apply filter_In; auto |].
-    unfold each_scenario. rewrite C. apply in_flat_map. exists chosen; split; auto. cbv zeta. rewrite Y. simpl; auto.
+  intros t w q.
+  exact (in_each_scenario _ (fun r guards part os before => watched_here t guards part (absences_of t r) os before) t w q).
 Qed.
 
 Theorem all_watchable : forall t w, WellFormed t -> Forall watchable (all_watched t w).
@@ -636,14 +630,14 @@ Proof.
   apply (absence_bound t W).
 Qed.
 
-Theorem watched_sound : forall t w past q, WellFormed t -> In q (all_watched t w) ->
-  IsScenario t w past (denoted_after past q).
+Lemma tests_iff : forall t past r trace position m, WellFormed t -> In r (resolutions t) -> NoDup (domain m) ->
+  incl (domain m) (occurrences_of t r) ->
+  (unbroken_by t (guards_of t r) (parts t r) (absences_of t r) (past ++ trace) (place (length past) position m) = true
+    <-> Unbroken t r (past ++ trace) (fun o => length past + position o) m) /\
+  (decided_by t (parts t r) (absences_of t r) (past ++ trace) (place (length past) position m) = true
+    <-> Decided t r (past ++ trace) (fun o => length past + position o) m).
 Proof.
-  intros t w past q W I. apply in_watched in I as (r & chosen & I & K & C & J & A & ->).
-  destruct (plan_facts t w r chosen W I K C J A) as (R & S & L & F & P & CO).
-  exists r, (last_in chosen). repeat (split; [assumption |]). simpl.
-  split; [intros o; apply occurrences_iff | split; [auto | split; [auto |]]].
-  intros trace position m ND IN H. split.
+  intros t past r trace position m W I ND IN. apply resolutions_iff in I; auto. split.
   - apply (unbroken_iff t _ _ _ r); auto.
     + now apply parts_iff.
     + intros; apply guards_of_iff.
@@ -658,6 +652,16 @@ Proof.
     + apply place_position.
 Qed.
 
+Theorem watched_sound : forall t w past q, WellFormed t -> In q (all_watched t w) ->
+  IsScenario t w past (denoted_after past q).
+Proof.
+  intros t w past q W I. apply in_watched in I as (r & chosen & I & K & C & J & A & ->).
+  destruct (plan_facts t w r chosen W I K C J A) as (R & S & L & F & P & CO).
+  exists r, (last_in chosen). repeat (split; [assumption |]). simpl.
+  split; [intros o; apply occurrences_iff | split; [auto | split; [auto |]]].
+  intros trace position m ND IN _. now apply tests_iff.
+Qed.
+
 Theorem watched_complete : forall t w past c, WellFormed t -> IsScenario t w past c ->
   exists q, In q (all_watched t w) /\ Alike c (denoted_after past q).
 Proof.
@@ -667,17 +671,7 @@ Proof.
   assert (IQ : In q (all_watched t w)) by (apply in_watched; exists r, chosen; auto 7).
   exists q. split; auto. constructor; simpl; auto.
   intros trace position m ND IN K. destruct (U trace position m ND IN K) as [-> ->].
-  assert (RE := proj1 (resolutions_iff t r W) I). split; symmetry.
-  - apply (unbroken_iff t _ _ _ r); auto.
-    + now apply parts_iff.
-    + intros; apply guards_of_iff.
-    + apply absences_of_iff.
-    + apply (absence_bound t W).
-    + intros o P. apply IN, O, occurrences_iff in P. apply P.
-  - rewrite (decided_by_iff t _ _ r) with (position := fun o => length past + position o).
-    + now rewrite forget_place.
-    + now apply parts_iff.
-    + apply absences_of_iff.
-    + now rewrite place_domain.
-    + apply place_position.
+  destruct (tests_iff t past r trace position m W I ND) as [UN DE].
+  { intros o P. now apply O, IN. }
+  split; symmetry; assumption.
 Qed.

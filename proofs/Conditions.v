@@ -501,11 +501,13 @@ Qed.
 Section Renaming.
 Variable f : nat -> nat.
 
+Definition rename_name (x : name) : name :=
+  match x with Rigid x => Rigid (f x) | Language.Local x => Language.Local x end.
+
 Fixpoint rename_pattern (p : pattern) : pattern :=
   match p with
   | Exactly v => Exactly v
-  | Named (Rigid x) => Named (Rigid (f x))
-  | Named (Local x) => Named (Local x)
+  | Named x => Named (rename_name x)
   | Anything => Anything
   | ObjectWith fields => ObjectWith (map (fun field => (fst field, rename_pattern (snd field))) fields)
   | ListOf items => ListOf (map rename_pattern items)

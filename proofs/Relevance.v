@@ -102,28 +102,9 @@ Qed.
 Section Renaming.
 Variable h : nat -> nat.
 
-Definition rename_name (x : name) : name :=
-  match x with Rigid x => Rigid (h x) | Language.Local x => Language.Local x end.
-
-Fixpoint rename_pattern (p : pattern) : pattern :=
-  match p with
-  | Exactly v => Exactly v
-  | Named x => Named (rename_name x)
-  | Anything => Anything
-  | ObjectWith fields => ObjectWith (map (fun f => (fst f, rename_pattern (snd f))) fields)
-  | ListOf items => ListOf (map rename_pattern items)
-  | SomeItem p => SomeItem (rename_pattern p)
-  end.
-
-Fixpoint rename_guard (g : guard) : guard :=
-  match g with
-  | Constant v => Constant v
-  | ValueOf x => ValueOf (h x)
-  | TimeOf p => TimeOf p
-  | Apply o l => Apply o (map rename_guard l)
-  | AndThen a b => AndThen (rename_guard a) (rename_guard b)
-  | OrElse a b => OrElse (rename_guard a) (rename_guard b)
-  end.
+Local Notation rename_name := (Conditions.rename_name h).
+Local Notation rename_pattern := (Conditions.rename_pattern h).
+Local Notation rename_guard := (Conditions.rename_guard h).
 
 Lemma rename_matches : forall b p v, matches b (rename_pattern p) v -> matches (fun x => b (rename_name x)) p v.
 Proof.

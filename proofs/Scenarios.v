@@ -868,14 +868,15 @@ Definition each_scenario {A} (make : list guard -> (nat -> list occurrence) -> l
 Definition selected_scenarios {A} make (t : tree) (w : selection) : list A :=
   let keep := selected t w in flat_map (each_scenario make t) (filter keep (resolutions t)).
 
-Lemma in_scenarios : forall A (make : _ -> _ -> _ -> _ -> A) t w c, In c (selected_scenarios make t w) <->
+Lemma in_each_scenario : forall A (make : resolution -> _ -> _ -> _ -> _ -> A) t w c,
+  In c (flat_map (fun r => each_scenario (make r) t r) (filter (selected t w) (resolutions t))) <->
   exists r chosen, In r (resolutions t) /\ selected t w r = true /\ constants_hold (guards_of t r) = true /\
     In chosen (lasts t r) /\
     let before := precedes (node_pairs t r) (end_pairs t r (last_in chosen)) in
     acyclic before (occurrences_of t r) = true /\
-    c = make (guards_of t r) (parts t r) (occurrences_of t r) before.
+    c = make r (guards_of t r) (parts t r) (occurrences_of t r) before.
 Proof.
-  intros A make t w c; unfold selected_scenarios. rewrite in_flat_map. split.
+  intros A make t w c. rewrite in_flat_map. split.
   - intros (r & I & J). apply filter_In in I as [I K]. unfold each_scenario in J.
     destruct (constants_hold (guards_of t r)) eqn:C; [| destruct J].
     apply in_flat_map in J as (chosen & J & L). cbv zeta in L.
@@ -884,6 +885,14 @@ Proof.
   - intros (r & chosen & I & K & C & J & Y & ->). exists r; split; [apply filter_In; auto |].
     unfold each_scenario. rewrite C. apply in_flat_map. exists chosen; split; auto. cbv zeta. rewrite Y. simpl; auto.
 Qed.
+
+Lemma in_scenarios : forall A (make : _ -> _ -> _ -> _ -> A) t w c, In c (selected_scenarios make t w) <->
+  exists r chosen, In r (resolutions t) /\ selected t w r = true /\ constants_hold (guards_of t r) = true /\
+    In chosen (lasts t r) /\
+    let before := precedes (node_pairs t r) (end_pairs t r (last_in chosen)) in
+    acyclic before (occurrences_of t r) = true /\
+    c = make (guards_of t r) (parts t r) (occurrences_of t r) before.
+Proof. intros A make t w c. exact (in_each_scenario A (fun _ => make) t w c). Qed.
 
 Lemma map_scenarios : forall A B (f : A -> B) make t w,
   map f (selected_scenarios make t w) = selected_scenarios (fun g p os before => f (make g p os before)) t w.

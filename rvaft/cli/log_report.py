@@ -135,7 +135,7 @@ class PageRequest:
                     hooks=Hooks(),
                     checkpoints=None,
                     follow=follow,
-                    clock=given.get("clock"),
+                    clock=clock,
                     complete=given["complete"],
                     unchosen=given["semantics"] is None and whole.semantics is None,
                     others=(report,),

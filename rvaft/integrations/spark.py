@@ -152,6 +152,7 @@ def monitor(
         repeat,
         None if cooldown is None else duration(cooldown),
         strict_json,
+        complete,
     )
     timed = any(clause.side is Side.AFTER for _, clause, _ in _planned(options).tree.absences)
     if timed and events.isStreaming:
@@ -161,7 +162,6 @@ def monitor(
         )
     if timed and order_by is not None:
         raise OptionError("`for D after` is decided in the order of times: omit order_by")
-    options = options._replace(complete=complete)
     if column is None and events.columns == ["value"]:
         column = "value"
     text = spark.to_json(spark.struct("*")) if column is None else spark.col(column)

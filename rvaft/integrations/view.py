@@ -37,24 +37,20 @@ class LivePages:
         self._questions = questions
         self._ready = ready
         self._gone = 0
-        self.reporters: list[LivePageReporter] = []
-
-    @property
-    def begun(self) -> bool:
+        self.begun = False
         """Whether there is something to show."""
-        return any(one.run is not None for one in self.reporters)
+        self.reporters: list[LivePageReporter] = []
 
     @property
     def stopped(self) -> bool:
         """Whether a log cannot be read further."""
         return all(one.stopped for one in self.reporters)
 
-    def begin(self) -> None:
-        """Say where the page is."""
-        self._ready()
-
     def pause(self) -> None:
         """Answer browsers."""
+        if not self.begun:
+            self.begun = True
+            self._ready()
         self._questions.answer(self.answer)
 
     def answer(self, page: str, cursor: str | None) -> Any:
@@ -81,10 +77,7 @@ class LivePageReporter(PageReporter):
 
     def pause(self, run: TraceRun) -> None:
         """Answer browsers, once for all trees."""
-        first = not self._pages.begun
         self.run = run
-        if first:
-            self._pages.begin()
         if self is self._pages.reporters[-1]:
             self._pages.pause()
 

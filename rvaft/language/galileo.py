@@ -43,7 +43,7 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     if strict:
         node, (use, place) = min(uses, key=lambda found: found[1].place)
         raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused by strict Galileo", place)
-    from rvaft.language.priority_and import read_priority_gates  # noqa: PLC0415 -- imported on use
+    from rvaft.language.priority_and import read_priority_gates, unordered  # noqa: PLC0415 -- imported on use
 
     _check_spares(uses)
     dependencies = [(node, located) for node, located in uses if located.value.is_dependency and len(node.gates) == 1]
@@ -55,17 +55,15 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
             draft.dynamic_gates.append(_static(draft, node, Located(use, place), "; " + _IDLE if idle else ""))
     dependents = _read_dependencies(draft, dependencies) if dependencies else []
     ordered = {"seq", "csp", "spare"}
-    _drop_order(draft, [node.name for node, (use, _) in uses if use.dynamic in ordered], dependents)
+    _drop_order(draft, unordered(draft, [node.name for node, (use, _) in uses if use.dynamic in ordered], dependents))
     read_priority_gates(
         draft, [(node.name, located.place) for node, located in uses if located.value.dynamic == "pand"]
     )
 
 
-def _drop_order(draft: Draft, names: list[str], dependents: list[str]) -> None:
+def _drop_order(draft: Draft, names: list[str]) -> None:
     """Read the gates as `and` whose parts can fail together, or of which a trigger can fail a later part first."""
-    from rvaft.language.priority_and import unordered  # noqa: PLC0415 -- imported on use
-
-    for name in unordered(draft, names, dependents):
+    for name in names:
         node = draft.nodes[name]
         use, place = node.gates[0]
         if use.gate is not Gate.SAND:

@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import PurePath
 from typing import Final, NamedTuple
 
-from rvaft.reports.log_report import style_policy
+from rvaft.reports.log_report import filled, style_policy
 from rvaft.support.terminal import visible
 
 INDEX: Final = "index"
@@ -48,18 +48,13 @@ def index_page(rows: Sequence[Row], told: Sequence[str], *, live: bool = False) 
     """Return the page as one file, with the messages of the run; a `live` page loads itself again."""
     lines = "".join(f"<li>{escape(visible(line))}</li>\n" for line in told)
     parts = {
-        "TITLE": f"{len(rows)} trees",
-        "POLICY": index_policy(),
-        "REFRESH": _REFRESH if live else "",
-        "ROWS": "\n".join(map(_row, rows)),
-        "TOLD": f"<section><h2>Messages</h2><ul>\n{lines}</ul></section>\n" if told else "",
+        "TITLE": [f"{len(rows)} trees"],
+        "POLICY": [index_policy()],
+        "REFRESH": [_REFRESH] if live else [],
+        "ROWS": ["\n".join(map(_row, rows))],
+        "TOLD": [f"<section><h2>Messages</h2><ul>\n{lines}</ul></section>\n"] if told else [],
     }
-    before, *rest = _template().split("{{")
-    pieces = [before]
-    for piece in rest:
-        word, after = piece.split("}}", 1)
-        pieces += parts[word], after
-    return "".join(pieces).encode(errors="replace")
+    return filled(_template(), parts)
 
 
 @cache

@@ -247,14 +247,7 @@ class LogReport(Listener):
             "DATA": texts,
             "POLICY": [policy(live=live)],
         }
-        before, *rest = _template().split("{{")
-        found = BytesIO()
-        found.write(before.encode())
-        for piece in rest:
-            word, after = piece.split("}}", 1)
-            for part in chain(parts[word], [after]):
-                found.write(part.encode(errors="replace"))
-        return found.getvalue()
+        return filled(_template(), parts)
 
     def _read_again(self) -> None:
         """Read the events of detections that are no longer stored, once for each trace."""
@@ -620,6 +613,22 @@ def _after(
         if named == title:
             verdict, fresh = symbol, repeat and symbol == "⊤"
     return seen, verdict, fresh
+
+
+def filled(template: str, parts: Mapping[str, Iterable[str]]) -> bytes:
+    """Return a template with parts in place of their names: `{{NAME}}`.
+
+    >>> filled("<p>{{WHO}}</p>", {"WHO": ["you", " and I"]})
+    b'<p>you and I</p>'
+    """
+    before, *rest = template.split("{{")
+    found = BytesIO()
+    found.write(before.encode())
+    for piece in rest:
+        word, after = piece.split("}}", 1)
+        for part in chain(parts[word], [after]):
+            found.write(part.encode(errors="replace"))
+    return found.getvalue()
 
 
 @cache

@@ -6,6 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import cached_property
 from itertools import chain, islice
 from operator import attrgetter, itemgetter
@@ -180,6 +181,11 @@ class MonitoredTrace:
     def state(self) -> TraceState:
         """The state for `TraceRun.restore`; it changes only together with `changes`."""
         return self.key, self.monitors.snapshot, self.events
+
+
+def time_told(time: Json | datetime) -> str:
+    """Return how a change names a time that monitors were told."""
+    return f"time {time.isoformat() if isinstance(time, datetime) else time}"
 
 
 class VerdictChange:

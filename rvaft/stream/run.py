@@ -27,7 +27,7 @@ from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
 from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedTraces
 from rvaft.stream.lateness import WAITING, BatchLateness, KeyedTimes, lateness, numbered_jumps
-from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange
+from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange, time_told
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
 from rvaft.stream.statistics import EventKind, Statistics
@@ -396,8 +396,7 @@ class TraceRun:
 
     def pass_time(self, time: Json | datetime) -> None:
         """Tell all monitors that a time has come, which changes verdicts without an event."""
-        shown = time.isoformat() if isinstance(time, datetime) else str(time)
-        self._tell(self.watches, methodcaller("pass_time", time), f"time {shown}")
+        self._tell(self.watches, methodcaller("pass_time", time), time_told(time))
 
     def decide(self, time: int) -> None:
         """Tell all monitors a time in nanoseconds, of an event of another key, which makes no event late."""

@@ -31,7 +31,7 @@ from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import explained, identifying_fields, kept, matched_events
-from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange, time_told
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per, columns
 
 MAX_MESSAGE: Final = 1024 * 1024
@@ -160,14 +160,13 @@ class Session:
             if label not in self.failures:
                 changed += [column] * len(monitors.told(methodcaller("pass_time", time), self.events))
         if _WHOLE in map([*self.monitors].__getitem__, changed):
-            self.untold = self.explanation
+            self.untold = self.explain()
         if self.listener is not None and changed and _WHOLE not in self.failures:
             self.watch.events, self.watch.monitors = self.events, self.looked_at
-            self.listener.change(VerdictChange(self.watch, self.events, {}, changed, passed=f"time {time}"))
+            self.listener.change(VerdictChange(self.watch, self.events, {}, changed, passed=time_told(time)))
 
-    @property
-    def explanation(self) -> Explanation | None:
-        """The explanation of a detection of the whole tree, which is remembered with the count."""
+    def explain(self) -> Explanation | None:
+        """Return the explanation of a detection of the whole tree, and remember it with the count."""
         found = None if _WHOLE in self.failures else self.monitors[_WHOLE].explanation(0)
         if found is not None:
             self.count.explanation = found
@@ -234,7 +233,7 @@ class Protocol:
             session.read(self._as_spelled(event), event)
             if _WHOLE in session.failures:
                 found = {"error": session.failures[_WHOLE]}
-            elif (explanation := session.explanation or session.untold) is not None:
+            elif (explanation := session.explain() or session.untold) is not None:
                 known = session.buffer.events(matched_events([explanation]))
                 count = session.count.fields if session.repeat else {}
                 found = {**count, **explained(explanation, self.tree, known, session.fields)}

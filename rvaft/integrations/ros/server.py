@@ -21,6 +21,7 @@ from rvaft.integrations.ros.connections_page import ConnectionsPages
 from rvaft.integrations.ros.protocol import Protocol, Session, reply_of_all
 from rvaft.model.verdict import Verdict
 from rvaft.stream.detection import counted
+from rvaft.stream.listeners import time_told
 from rvaft.support.network import LOCAL, allowed, unavailable
 
 if TYPE_CHECKING:
@@ -123,7 +124,7 @@ class Server:
         try:
             async for message in connection:
                 events = first.events
-                news = {f"{name}: {tree}": _News(session) for tree, session in self._labelled(sessions)}
+                news = {f"{name}: {tree}": _News(session) for tree, session in _labelled(sessions)}
                 reply = reply_of_all(self.protocols, message, sessions)
                 if first.events == events:
                     refused += 1
@@ -147,11 +148,6 @@ class Server:
                 self.pages.closed(sessions)
             self._tell(f"{name} closed after {counted(read)}{''.join(f'; {line}' for line in found)}")
 
-    def _labelled(self, sessions: Mapping[str, Session]) -> Iterator[tuple[str, Session]]:
-        """Yield the sessions, each with the start of lines about it, which names the tree of several."""
-        for tree, session in sessions.items():
-            yield f"{tree}: " if len(sessions) > 1 else "", session
-
     async def _tell_time(self, period: int) -> None:
         """Tell the sessions the time, until the server stops."""
         while True:
@@ -159,10 +155,10 @@ class Server:
             now = datetime.now(tz=UTC)
             told = [("all connections", self.shared)] if self.shared is not None else [*self.present.values()]
             for name, sessions in told:
-                for label, session in self._labelled(sessions):
+                for label, session in _labelled(sessions):
                     news = _News(session)
                     session.pass_time(now)
-                    for line in news.lines(f"time {now.isoformat()}"):
+                    for line in news.lines(time_told(now)):
                         self._tell(f"{name}: {label}{line}")
 
     async def _send(self, connection: "ServerConnection", name: str, reply: str) -> None:
@@ -235,6 +231,12 @@ class Server:
                 telling.cancel()
             for connection in self.present:  # a client that reads no replies does not read the close frame either
                 loop.call_later(2 * _PATIENCE, connection.transport.abort)
+
+
+def _labelled(sessions: Mapping[str, Session]) -> Iterator[tuple[str, Session]]:
+    """Yield the sessions, each with the start of lines about it, which names the tree of several."""
+    for tree, session in sessions.items():
+        yield f"{tree}: " if len(sessions) > 1 else "", session
 
 
 class _News:

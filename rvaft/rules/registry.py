@@ -28,6 +28,7 @@ TREE_RULES: Final = (
     Rule("ros-time", Severity.INFORMATION, times.ros_time),
     Rule("unstated-semantics", Severity.WARNING, times.unstated_semantics),
     Rule("tied-values", Severity.WARNING, times.tied_values),
+    Rule("repeat-by", Severity.WARNING, structure.repeat_by),
     Rule("void-absence", Severity.WARNING, absences.void_absence),
     Rule("undeclared", Severity.WARNING, structure.undeclared),
     Rule("unreachable", Severity.WARNING, structure.unreachable),

@@ -12,13 +12,13 @@ from cross_check.comparison import Comparison, Roster
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.results import Job, Result, Status, raised
 from cross_check.traces import Effort
-from rvaft.api import loads
 from rvaft.core.branches import branches, restrict
 from rvaft.errors import TreeError
 from rvaft.model.guards import FUNCTIONS, Operation, Operator, time_points
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.tree import RVAFT
+from rvaft.rules.loading import loads
 from rvaft.rules.validity import require_valid
 from rvaft.support.processes import Killed, in_processes
 

@@ -44,7 +44,6 @@ from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, NOTHING, Difference, Job, Result, Status, raised, reason
 from cross_check.traces import Effort, Trace, letters_of, trials
-from rvaft.api import narrowed
 from rvaft.backend import Match
 from rvaft.core.branches import restrict
 from rvaft.errors import NoVerdict, TooLarge
@@ -54,6 +53,7 @@ from rvaft.model.nodes import Assumption, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.rules.validity import valid_part
 from rvaft.semantics import matches
 from rvaft.semantics.reference import chosen_scenarios
 from rvaft.support.budget import Expired, Undecided, within
@@ -154,7 +154,7 @@ def cross_check(
     >>> [result.text for result in cross_check(rvaft.loads("top and a b;"), "projected", backends=["ltlf"])]
     ['baseline', 'proved', 'proved']
     """
-    narrowed(tree, branch, kind)
+    valid_part(tree, branch, kind)
     roster = Roster(
         None if backends is None else tuple(backends), tuple(handwritten(one, run_c=run_c) for one in against)
     )

@@ -14,7 +14,6 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 from cross_check.confined_text import ConfinedText, require_permission
 from cross_check.letters import ties
 from cross_check.results import Status
-from rvaft.api import loads
 from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
 from rvaft.core.branches import restrict
 from rvaft.core.build import build
@@ -35,6 +34,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
+from rvaft.rules.loading import loads
 from rvaft.semantics import Reference
 from rvaft.semantics.reference import Partial
 from rvaft.support.budget import Budget

@@ -12,7 +12,6 @@ from random import Random
 from typing import Any, Final
 
 from cross_check.generate.times import FORMATS
-from rvaft.api import loads
 from rvaft.errors import TreeError
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime
@@ -37,6 +36,7 @@ from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Some
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
+from rvaft.rules.loading import loads
 from rvaft.rules.validity import require_valid
 
 DECLARED: Final = loads("""

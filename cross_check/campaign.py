@@ -128,6 +128,16 @@ _IN_PRACTICE: Final = {
     "pand over counted leaves": "r pand p q; p and a b; q and c d; a times 2;",
     "pand over sequences": "r pand p q; p sand a b; q sand c d;",
     "pand over parts that begin with each other's events": "r pand p q; p and a s; q and s b;",
+    "times 2 of different values": "r sand a b; a on read(V) times 2 distinct V; b;",
+    "times 3 of different values, in a window": "time t as s; r and a within 5 s; a on read(V) times 3 distinct V;",
+    "times 2 with values of their own": "r sand a b; a on read(V) when V > 2 times 2 each V; b;",
+    # absent events
+    "without, between, without a guard": 'r sand a b without seen("c");',
+    "without, between": "r sand a b without read(V) when V > 2;",
+    "without, before": 'r sand a b; b without seen("c") before;',
+    "without, a time before": 'time t as s; r sand a b; b without seen("c") for 2 s before;',
+    "without, a time after": 'time t as s; r sand a b; b without seen("c") for 2 s after;',
+    "without, of the same value": "r sand a b; a on read(V); b without seen(V) before;",
     # windows
     "within, a sequence": "time t as s; r sand a b c within 5 s;",
     "within 0 s": "time t as ns; r and a b within 0 s;",

@@ -217,7 +217,9 @@ def durations(tree: RVAFT) -> list[int]:
     guards = [node.when for node in nodes if time_points(node.when)]
     found = [part.value for guard in guards for part in walk(guard) if isinstance(part, Literal)]
     late = None if tree.time is None else tree.time.late
-    return list(dict.fromkeys(one for one in (0, *found, *(node.within for node in nodes), late) if type(one) is int))
+    absences = [clause.duration for node in nodes for clause in node.without]
+    every = (0, *found, *(node.within for node in nodes), *absences, late)
+    return list(dict.fromkeys(one for one in every if type(one) is int))
 
 
 class Schedule:

@@ -162,11 +162,11 @@ def page(names: Sequence[str], every: Sequence[Section]) -> tuple[list[str], boo
             rows.append((section.numbers, str(len(section.cases)), *cells, section.title))
         found = dict(zip(MISTAKES, faults, strict=True))
     seen = [mistake for mistake, (there, _) in found.items() if there]
-    cells = [f"{len(seen)}/{len(found)}"]
+    shown = [f"{len(seen)}/{len(found)}"]
     for name in names[1:]:
         told = [one[name] for _, one in found.values() if name in one]
-        cells.append(f"{told.count('right')}/{len(told)}" if told else "-")
-    rows.append(("faults", str(len(found)), *cells, "found, of those that change a tree it expresses"))
+        shown.append(f"{told.count('right')}/{len(told)}" if told else "-")
+    rows.append(("faults", str(len(found)), *shown, "found, of those that change a tree it expresses"))
     lines = [*columns(rows), ""]
     lines += [f"{what}: {where}" for what, where in ELSEWHERE.items()]
     if unseen := [mistake for mistake in MISTAKES if mistake not in seen]:

@@ -400,7 +400,7 @@ def test_a_field_that_is_read_as_a_whole_and_inside(tmp_path: Path) -> None:
 
 
 REFUSED: Sequence[tuple[str, list[str], str]] = (
-    (JOIN, ["--repeat-by", "N"], "matches cannot be repeated by N: the event of a does not bind it"),
+    (JOIN, ["--repeat-by", "N"], "matches cannot be repeated by N"),
     (JOIN, ["--follow"], "--engine does not take --follow: a query reads a whole file"),
     (JOIN, ["--checkpoint", "state"], "--engine does not take --checkpoint"),
     (JOIN, ["--order-by", "t"], "--engine does not take --order-by"),

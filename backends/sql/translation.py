@@ -9,9 +9,9 @@ many counted events. It then finds the least position of each event after its pr
 value of shared variables and start of a window. Only events that a guard compares or that match
 each other's node are tried individually.
 
-Three or more counted events of a leaf are one row if no other node can use them, and if windows over
-them rely on times that do not go back: that of the last event, with the position and the time of the
-first one by `lag`.
+A counted leaf is one row (`backends.joins`): that of its last event, with the position and the time of
+the first one by `lag`. Different values are counted by window functions in the dialects that have
+them; elsewhere, and where the first event is needed, by a join with the latest event of each value.
 
 An absent event is a NOT EXISTS over all events. A scenario with `without … after` is detected at the
 first later event whose time decides the last of these clauses.
@@ -26,7 +26,7 @@ from functools import cached_property
 from itertools import combinations
 from typing import Final, assert_never
 
-from backends.joins import JoinedScenario, joined_scenarios, variable_paths
+from backends.joins import COUNTED, LONGEST, CountedEvents, JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
@@ -56,9 +56,6 @@ _LENGTH: Final = 400
 """Characters of text per joined event of the limit."""
 _PAIRED: Final = 4
 """Maximum number of events of a window that is written as bounds of pairs."""
-_LONGEST: Final = 2**61
-COUNTED: Final = 600
-"""Maximum number of events of a scenario with counted leaves."""
 TABLES: Final = 60
 """Maximum number of events of a scenario: SQLite joins 64 tables."""
 
@@ -66,74 +63,6 @@ TABLES: Final = 60
 @dataclass(frozen=True)
 class QueriedScenario(JoinedScenario):
     """A scenario with its windows, and with the events that the query joins one by one."""
-
-    counts_of: Mapping[Event, "CountedEvents"] = field(default_factory=dict)
-    """The leaves that are one row, by the last event; the events between the first and the last are left out."""
-
-    def counted(self, lateness: int | None) -> "QueriedScenario":
-        """Return the scenario with counted leaves as single rows, where that makes no difference."""
-        leaves: dict[str, list[Event]] = {}
-        for event in self.before:
-            leaves.setdefault(event.source.node, []).append(event)
-        found = dict[Event, CountedEvents]()
-        for events in leaves.values():
-            if len(events) > 2 and (timed := self._interchangeable(events, lateness)) is not None:
-                found[events[-1]] = CountedEvents(events[0], len(events), timed)
-        if not found:
-            return self
-        between = {event for events in leaves.values() if events[-1] in found for event in events[1:-1]}
-        lost = {name for name, event in self.times.items() if event in between}
-
-        def kept(guard: Guard) -> Guard:
-            match guard:
-                case Operation(operator, parts):
-                    names = (part for part in parts if not (isinstance(part, Variable) and part.name in lost))
-                    return Operation(operator, tuple(map(kept, names)))
-                case _:
-                    return guard
-
-        before = {event: some - between for event, some in self.before.items() if event not in between}
-        absences = ((clause, tuple(event for event in part if event not in between)) for clause, part in self.absences)
-        guards = tuple(map(kept, self.guards))
-        return replace(self, before=before, guards=guards, absences=tuple(absences), counts_of=found)
-
-    def _interchangeable(self, events: Sequence[Event], lateness: int | None) -> bool | None:
-        """Return whether times of a leaf's events count, or None if its last events may not stand for others.
-
-        Of the sequences of such events with the same last one, the latest has the latest first event.
-        """
-        own, (first, *_), last = frozenset(events), events, events[-1]
-        pattern = untimed(first.pattern)[0]
-        alike = all(untimed(event.pattern)[0] == pattern for event in events)
-        chained = all(self.before[event] == self.before[first] | {*events[:at]} for at, event in enumerate(events))
-        others = [event for event in self.before if event not in own]
-        apart = not any(compatible(pattern, event.pattern) for event in others)
-        apart &= all(own <= self.before[event] or own.isdisjoint(self.before[event]) for event in others)
-        clauses = [(clause, own <= {*part}) for clause, part in self.absences]
-        unhurt = not any(
-            compatible(clause.pattern, pattern) or (inside and clause.side is Side.BEFORE) for clause, inside in clauses
-        )
-        names = {name for name, event in self.times.items() if event in own}
-        guards = [guard for guard in self.guards if names.intersection(variables(guard))]
-        windows = all(guard in self.windows and own <= self.windows[guard][0] for guard in guards)
-        timed = bool(guards) or any(inside and clause.duration is not None for clause, inside in clauses)
-        suitable = alike and chained and apart and unhurt and windows and last in self.before
-        return timed if suitable and (lateness == 0 or not timed) else None
-
-    @cached_property
-    def windows(self) -> dict[Guard, tuple[frozenset[Event], int]]:
-        """The window guards, each with its occurrences and duration."""
-        return {guard: found for guard, home in self.homes if home is None and (found := self._window(guard))}
-
-    def _window(self, guard: Guard) -> tuple[frozenset[Event], int] | None:
-        match guard:
-            case Operation(Operator.LE, (Operation(Operator.SUB, (end, start)), Literal(int() as length))):
-                match end, start:
-                    case Operation(Operator.MAX, ends), Operation(Operator.MIN, starts) if ends == starts:
-                        names = [one.name for one in ends if isinstance(one, Variable) and one.name in self.times]
-                        if len(names) == len(ends):
-                            return frozenset(map(self.times.__getitem__, names)), length
-        return None
 
     @cached_property
     def tried(self) -> frozenset[Event]:
@@ -160,15 +89,6 @@ class QueriedScenario(JoinedScenario):
         """Whether three or more events have one pattern: all matches are then too many."""
         patterns = (untimed(event.pattern)[0] for event in self.before if event not in self.tried)
         return any(number > 2 for number in Counter(patterns).values())
-
-
-@dataclass(frozen=True)
-class CountedEvents:
-    """A counted leaf as one row: its first event, the number of its events, and whether their times count."""
-
-    first: Event
-    count: int
-    timed: bool
 
 
 @dataclass(frozen=True)
@@ -201,6 +121,8 @@ class SqlQuery:
         """Whether the table is one log."""
         self.tables: dict[str, str] = {}
         """Table names by query."""
+        self._columns_of: dict[str, list[str]] = {}
+        """The columns of the tables of events."""
         self._known_tables = Counter[str]()
         """The number of tables by the letters of their names."""
         self.late = None if prop.time is None else prop.time.late
@@ -212,11 +134,13 @@ class SqlQuery:
         minimal = semantics is Semantics.SCATTERED and not prop.absences
         self.scenarios = joined_scenarios(QueriedScenario, prop, limit, most=COUNTED, minimal=minimal)
         several = any(len(one.before) > 1 for one in self.scenarios)
-        loose, many = all(one.loose for one in self.scenarios), any(one.counts for one in self.scenarios)
-        counted = tuple(one.counted(self.lateness) for one in self.scenarios)
-        self.counted = many and not loose and not any(one.counts for one in counted)
+        loose = all(one.loose and len(one.before) <= TABLES for one in self.scenarios)
+        many = any(one.counts for one in self.scenarios)
+        counted = self.scenarios
+        if semantics is Semantics.SCATTERED and not loose:
+            counted = tuple(one.counted(self.lateness) for one in self.scenarios)
+        self.counted = any(one.counts_of for one in counted) and not any(one.counts for one in counted)
         """Whether counted leaves are single rows."""
-        self.counted &= semantics is Semantics.SCATTERED
         self.first = minimal and not self.counted and ((several and loose) or many)
         """Whether the query finds first matches only."""
         if self.counted:
@@ -232,9 +156,10 @@ class SqlQuery:
         self.variables = [
             *dict.fromkeys(name for one in self.scenarios for name in one.binders if name not in one.times)
         ]
-        own = sorted({name for clause in prop.absences for name in clause.own if not name.startswith("_")})
-        self._bound = [*dict.fromkeys((*self.variables, *own))]
-        """The variables, and those that only absent events have."""
+        own = {name for clause in prop.absences for name in clause.own if not name.startswith("_")}
+        own |= {name for one in self.scenarios for count in one.counts_of.values() for name in count.distinct}
+        self._bound = [*dict.fromkeys((*self.variables, *sorted(own)))]
+        """The variables, and those that only absent or counted events have."""
         self._columns = {name: f"v{number}" for number, name in enumerate(self._bound, 1)}
 
     def text(self) -> tuple[str, Metrics]:
@@ -254,8 +179,9 @@ class SqlQuery:
     @cached_property
     def _names(self) -> list[str]:
         """The names of the columns of variables in a query on typed columns."""
-        small = Counter([*(name.lower() for name in self._bound), *OWN])
-        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(self._bound, 1)]
+        shown = [name.strip("_") if name.startswith("_") else name for name in self._bound]
+        small = Counter([*map(str.lower, shown), *OWN])
+        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(shown, 1)]
 
     def _named(self, text: str) -> str:
         """Return the text with the names of variables for their columns."""
@@ -267,7 +193,9 @@ class SqlQuery:
     def _header(self, text: str) -> str:
         time = self.prop.time
         rows = "the first match of each scenario" if self.first else "every match"
-        rows += ", with the first and the last event of counted leaves" if self.counted else ""
+        if self.counted:
+            whole = any(count.first is not None for one in self.scenarios for count in one.counts_of.values())
+            rows += f", with {'the first and ' * whole}the last event of counted leaves"
         rows += (
             ""
             if all(one.loose for one in self.scenarios) or not self.first
@@ -321,10 +249,13 @@ class SqlQuery:
 
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
         pattern = name.pattern
-        where = [self.condition(pattern, [guard for guard, home in one.homes if home == name])]
+        count = next((count for last, count in one.counts_of.items() if name in (last, count.first)), None)
+        guards, distinct = (count.guards, count.distinct) if count is not None else ((), ())
+        where = [self.condition(pattern, [*(guard for guard, home in one.homes if home == name), *guards])]
         columns = [renamed(self.rows.trace, "trace"), renamed(self.rows.position, "pos")]
         paths = variable_paths(pattern)
-        for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
+        shown = (*(name for name in rigid_variables(pattern) if name not in one.times), *distinct)
+        for variable, path in ((name, paths[name]) for name in shown):
             facets = self.rows.facets(path)
             named = {f"{self._column(variable)}_{kind}": expression for kind, expression in facets.items()}
             names = [column for column in named if column in wanted]
@@ -340,29 +271,104 @@ class SqlQuery:
         elif self.semantics is not Semantics.SCATTERED:
             columns.append("place")
             where.insert(0, f"place <= {self.most}")
-        return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {places} WHERE {' AND '.join(where)}", "n")
+        if distinct and count is not None and count.timed:
+            where.append(f"{self.rows.time} IS NOT NULL")
+        columns = [*filter(None, columns)]
+        found = self._table(f"SELECT {', '.join(columns)} FROM {places} WHERE {' AND '.join(where)}", "n")
+        self._columns_of[found] = [column.rpartition(" AS ")[2] for column in columns]
+        return found
 
     def _wanted(self, one: QueriedScenario, alias: Mapping[Event, str], text: str) -> dict[str, frozenset[str]]:
         """Return the columns of each row that a text names."""
         references = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", text)
         wanted = {row: frozenset(column for other, column in references if other == row) for row in alias.values()}
         for last, count in one.counts_of.items():  # one table
-            both = wanted[alias[count.first]] | wanted[alias[last]]
-            keys = (f"{self._column(name)}_key" for name in rigid_variables(last.pattern) if name not in one.times)
-            wanted |= dict.fromkeys((alias[count.first], alias[last]), both.union(keys))
+            both = wanted[alias[last]] | (wanted[alias[count.first]] if count.first is not None else frozenset())
+            names = (*(name for name in rigid_variables(last.pattern) if name not in one.times), *count.distinct)
+            own = both.union(f"{self._column(name)}_key" for name in names)
+            wanted |= {alias[event]: own for event in (count.first, last) if event is not None}
         return wanted
 
     def _counted(self, one: QueriedScenario, last: Event, table: str) -> str:
         """Return the table of the last events of a counted leaf, from that of its events."""
         count, names = one.counts_of[last], rigid_variables(untimed(last.pattern)[0])
         trace = [] if self.untraced else ["trace"]
-        keys = ", ".join([*trace, *(f"{self._column(name)}_key" for name in names)])
-        window = f"({f'PARTITION BY {keys} ' if keys else ''}ORDER BY pos)"
+        keys = [*trace, *(f"{self._column(name)}_key" for name in names)]
+        if count.distinct:
+            return self._distinct(count, table, keys)
         shown = [
             f"lag({name}, {count.count - 1}) OVER w AS first_{name}" for name in ("pos", "time")[: 1 + count.timed]
         ]
         where = " WHERE time IS NOT NULL" if count.timed else ""
-        return self._table(f"SELECT *, {', '.join(shown)} FROM {table}{where} WINDOW w AS {window}", "count_")
+        return self._table(f"SELECT *, {', '.join(shown)} FROM {table}{where} WINDOW w AS {_over(keys)}", "count_")
+
+    # Counted events with different values.
+
+    def _distinct(self, count: CountedEvents, table: str, keys: Sequence[str]) -> str:
+        """Return the table of the last of events with different values.
+
+        Where there is a window, only events with as many others in it are looked at.
+        """
+        values = [f"{self._column(name)}_key" for name in count.distinct]
+        if count.length is None:
+            first = f"row_number() OVER {_over([*keys, *values])} = 1 AS is_first"
+            numbered = self._table(f"SELECT *, {first} FROM {table}", "first_")
+            number = f"count(CASE WHEN is_first THEN 1 END) OVER {_over(keys)}"
+            ends = self._table(_selected(numbered, number, f">= {count.count}"), "count_")
+        else:
+            earlier = f"lag(time, {count.count - 1}) OVER {_over(keys)}"
+            ends = self._table(_selected(table, earlier, f">= time - {self._length(count)}"), "many_")
+            if self.dialect.distinct:
+                ends = self._within(count, table, ends, keys, values)
+            elif count.first is None and len(values) == 1:
+                return self._table(self._latest(count, table, ends, keys, values), "count_")
+        exact = count.length is None or self.dialect.distinct
+        if count.first is None and exact:
+            return ends
+        latest = self._table(self._latest(count, table, ends, keys, values), "latest_")
+        own = ", ".join([*([] if self.untraced else ["trace"]), "pos"])
+        rank = f"row_number() OVER (PARTITION BY {own} ORDER BY first_pos DESC)"
+        return self._table(_selected(latest, rank, f"= {count.count}"), "count_")
+
+    def _within(
+        self, count: CountedEvents, table: str, many: str, keys: Sequence[str], values: Sequence[str]
+    ) -> str:
+        """Return the table of events that end a window with enough values, by window functions.
+
+        Events with equal times are ordered, so a range of times becomes a number of rows.
+        """
+        length = self._length(count)
+        span = f"time // {max(count.length or 0, 1)}"
+        places = ", ".join([*keys, span])
+        spans = f"SELECT {places} FROM {many} UNION ALL SELECT {places} - 1 FROM {many}"
+        near = f"SELECT *, row_number() OVER {_over(keys)} AS number FROM {table}"
+        near = self._table(f"{near} WHERE ({places}) IN ({spans})", "near_")
+        first = f"min(number) OVER {_over(keys, 'time', f'RANGE BETWEEN {length} PRECEDING AND CURRENT ROW')}"
+        reach = self._table(f"SELECT *, number - {first} AS reach FROM {near}", "reach_")
+        over = _over(keys, "pos", "ROWS BETWEEN reach PRECEDING AND CURRENT ROW")
+        what = values[0] if len(values) == 1 else f"({', '.join(values)})"
+        return self._table(_selected(reach, f"{self.dialect.distinct.format(what)} OVER {over}", f">= {count.count}"), "count_")
+
+    def _latest(
+        self, count: CountedEvents, table: str, ends: str, keys: Sequence[str], values: Sequence[str]
+    ) -> str:
+        """Return the query for the latest event of each value up to a last event, or for how many there are."""
+        where = [f"e.{key} = o.{key}" for key in keys]
+        where.append("o.pos <= e.pos")
+        if count.length is not None:
+            where.append(f"o.time >= e.time - {self._length(count)}")
+        columns = [f"e.{column}" for column in self._columns_of[table]]
+        tables = f"FROM {ends} AS e, {table} AS o WHERE {' AND '.join(where)}"
+        values = [f"o.{value}" for value in values]
+        if count.first is None and len(values) == 1:
+            grouped = ", ".join(columns)
+            enough = f"count(DISTINCT {values[0]}) >= {count.count}"
+            return f"SELECT {grouped} {tables} GROUP BY {grouped} HAVING {enough}"
+        shown = [f"max(o.{name}) AS first_{name}" for name in ("pos", "time")[: 1 + count.timed]]
+        return f"SELECT {', '.join([*columns, *shown])} {tables} GROUP BY {', '.join([*columns, *values])}"
+
+    def _length(self, count: CountedEvents) -> str:
+        return str(self.guards.literal(count.length or 0).whole)
 
     def _column(self, variable: str) -> str:
         return self._columns[variable]
@@ -453,12 +459,14 @@ class SqlQuery:
         values = self._values(first_of)
         wanted = self._wanted(one, alias, " ".join([*where, values]))
         tables = {
-            name: self._leaf(one, name, places, wanted[alias[name]]) for name in alias if name not in one.counts_of
+            name: self._leaf(one, name, places, wanted[alias[name]])
+            for name in alias
+            if name not in one.counts_of or one.counts_of[name].first is None
         }
-        tables |= {last: self._counted(one, last, tables[count.first]) for last, count in one.counts_of.items()}
+        tables |= {last: self._counted(one, last, tables[count.first or last]) for last, count in one.counts_of.items()}
         alone = {name: QueriedRow(table, {}) for name, table in tables.items()}
         rows = self._firsts(one, tables, alias, wanted) if self.first else alone
-        last_of = {alias[count.first]: alias[event] for event, count in one.counts_of.items()}
+        last_of = {alias[count.first]: alias[event] for event, count in one.counts_of.items() if count.first is not None}
         sources = [f"{rows[name].table} AS {row}" for name, row in alias.items() if row not in last_of]
         first, *others = alias.values()
         joins = [] if self.untraced else [f"{row}.trace = {first}.trace" for row in others]
@@ -597,7 +605,7 @@ class SqlQuery:
 
     def _apart(self, later: str, sign: str, earlier: str, length: int) -> str:
         """Return the comparison of the difference of two times with a duration."""
-        if length < _LONGEST:
+        if length < LONGEST:
             return f"{later} {sign} {earlier} + {self.guards.literal(length).whole}"
         return f"{later} - {earlier} {sign} {self.guards.literal(min(length, 2**63 - 1)).whole}"
 
@@ -621,7 +629,7 @@ class SqlQuery:
     def _near(self, one: QueriedScenario, guard: Guard, alias: Mapping[Event, str]) -> list[str]:
         """Return a window of few events as bounds of each pair, which a join can use."""
         members, length = one.windows.get(guard, (frozenset[Event](), 0))
-        if len(members) > _PAIRED or length >= _LONGEST:
+        if len(members) > _PAIRED or length >= LONGEST:
             return []
         bound, rows = self.guards.literal(length).whole, [alias[event] for event in alias if event in members]
         return [f"{b}.time <= {a}.time + {bound} AND {a}.time <= {b}.time + {bound}" for a, b in combinations(rows, 2)]
@@ -745,6 +753,17 @@ class SqlQuery:
             for number, (name, value) in enumerate(items)
         ]
         return f"{' || '.join(fields)} || '}}'" if fields else "'{}'"
+
+
+def _over(keys: Sequence[str], order: str = "pos", frame: str = "") -> str:
+    """Return the window of the rows with equal keys."""
+    partition = f"PARTITION BY {', '.join(keys)} " if keys else ""
+    return f"({partition}ORDER BY {order}{' ' * bool(frame)}{frame})"
+
+
+def _selected(table: str, number: str, condition: str) -> str:
+    """Return the query for the rows of a table whose number, by a window function, meets a condition."""
+    return f"SELECT * FROM (SELECT *, {number} AS found FROM {table}) AS numbered WHERE found {condition}"
 
 
 def _of_last(query: str, last: Mapping[str, str]) -> str:

@@ -1,0 +1,101 @@
+"""Counted leaves in the languages that query tables, held against the reference on random trees."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.util import find_spec
+from random import Random
+from typing import Any, Final
+
+import pytest
+
+from rvaft import RVAFT, NotExpressible, RvaftError, Semantics, TooLarge, Verdict, dumps, loads
+from rvaft.backend import backend
+from rvaft.rules.validity import require_valid
+from rvaft.semantics import Reference
+
+TYPED: Final = "".join(f'event {k}(u: text, v: integer, w: integer) = {{ k: "{k}", u: u, v: v, w: w }}; ' for k in "abc")
+FORMS: Final = ("", "", " each V", " each V, W", " distinct V", " distinct V", " distinct V, W", " distinct V each W")
+needs_duckdb: Final = pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
+LANGUAGES: Final = ["sql", "sql-table", "kql"] + [
+    pytest.param(name, marks=needs_duckdb) for name in ("sql-duckdb", "sql-table-duckdb")
+]
+
+
+def leaf(random: Random, name: str, *, timed: bool) -> str:
+    """A leaf, most often with several events."""
+    letter, number = random.choice("aab"), random.choice((1, 3, 3, 4))
+    form = random.choice(FORMS) if number > 1 else ""
+    own = {word.strip(",") for word in form.split()[1:]}
+    v, w = (f"{one}{name}" if one in own else random.choice(("_", "_", "1")) for one in "VW")
+    text = f"{name} on {letter}({random.choice('UUU_')}, {v}, {w})"
+    if own and random.random() < 0.4:
+        text += f" when {random.choice([one + name for one in sorted(own & {'V', 'W'})])} {random.choice(('<', '>'))} 1"
+    if number > 1:
+        named = " ".join(word.replace("V", f"V{name}").replace("W", f"W{name}") for word in form.split())
+        text += f" times {number} {named}"
+    if random.random() < 0.2:
+        sides = ("", " for 1 s after", " for 1 s before", " before") if timed else ("", " before")
+        text += f" without c({random.choice('U_')}, _, _){random.choice(sides)}"
+    return f"{text};"
+
+
+def tree_of(random: Random) -> str:
+    timed = random.random() < 0.8
+    names = [f"l{number}" for number in range(random.choice((1, 1, 2, 2, 3)))]
+    leaves = " ".join(leaf(random, name, timed=timed) for name in names)
+
+    def window() -> str:
+        return f" within {random.choice((1, 2, 4, 6))} s" if timed and random.random() < 0.6 else ""
+
+    gate = random.choice(("and", "sand", "sand", "pand", "or")) if len(names) > 1 else "and"
+    if len(names) == 3 and random.random() < 0.5:
+        gates = f"top {gate} l0 g{window()}; g {random.choice(('sand', 'and', 'or'))} l1 l2{window()};"
+    elif random.random() < 0.3:
+        gates = f"top {gate} g {' '.join(names[1:])}{window()}; g and l0{window()};"
+    else:
+        gates = f"top {gate} {' '.join(names)}{window()};"
+    time = f"time t as s; {random.choice(('', 'assume order 0 s;', 'assume order 0 s;', 'assume order 1 s;'))}"
+    return f"{TYPED}assume types, present; {time if timed else ''} toplevel top; {gates} {leaves}"
+
+
+def trees(random: Random, count: int) -> Iterator[RVAFT]:
+    while count:
+        with suppress(RvaftError):
+            tree = loads(tree_of(random))
+            require_valid(tree)
+            count -= 1
+            yield tree
+
+
+def trace_of(random: Random, tree: RVAFT) -> list[Any]:
+    """A trace that keeps the assumptions of a tree."""
+    late = 1 if tree.time is None or tree.time.late is None else tree.time.late // 10**9
+    now, trace, letters = 0, list[Any](), random.choice(("aaab", "aabb", "aaabc", "aabbc"))
+    for _ in range(random.randrange(4, 16)):
+        now += random.choice((0, 0, 1, 1, 2))
+        event = {"k": random.choice(letters), "u": random.choice(("x", "x", "y"))}
+        values = {"v": random.randrange(4), "w": random.randrange(3)}
+        back = random.choice((0, 0, 1)) if late else 0
+        trace.append({**event, **values, "t": now - back})
+    return trace
+
+
+@pytest.mark.parametrize("count", [40, pytest.param(500, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("name", LANGUAGES)
+def test_counted_leaves_of_random_trees(name: str, count: int) -> None:
+    random, seen = Random(f"counts {name}"), Counter[str]()
+    for tree in trees(random, count):
+        try:
+            specification = backend(name).translate(tree, Semantics.SCATTERED)
+        except (NotExpressible, TooLarge):
+            seen["refused"] += 1
+            continue
+        traces = [trace_of(random, tree) for _ in range(25)]
+        verdicts = [[*Reference(tree, Semantics.SCATTERED).run(trace)] for trace in traces]
+        wanted = [run.index(Verdict.TRUE) + 1 if Verdict.TRUE in run else None for run in verdicts]
+        found = specification.monitor().first_detections(traces)  # type: ignore[attr-defined]
+        assert found == wanted, (dumps(tree), specification.text, [*zip(traces, found, wanted, strict=True)])
+        seen.update({"detected": any(wanted), "one row": any(one in specification.text for one in ("count_1", "prev("))})
+    assert seen["detected"] > count // 4
+    assert seen["one row"] > count // 4

@@ -81,11 +81,13 @@ class JoinedScenario:
     counts_of: Mapping[Event, CountedEvents] = field(default_factory=dict)
     """The leaves that are one row, by the last event; the events between the first and the last are left out."""
 
-    def counted(self: S, lateness: int | None, *, values: Collection[str] | None = None) -> S:
+    def counted(
+        self: S, lateness: int | None, *, values: Collection[str] | None = None, starts: bool = False
+    ) -> S:
         """Return the scenario with counted leaves as single rows, where that makes no difference.
 
         `lateness`: the D of `late` or `assume order`. `values`: the variables whose values rows may be
-        grouped by, if not all.
+        grouped by, if not all. `starts`: keep each first event.
         """
         leaves: dict[str, list[Event]] = {}
         for event in self.before:
@@ -94,7 +96,7 @@ class JoinedScenario:
         between = set[Event]()
         for events in leaves.values():
             own = self._own_variables(events) if len(events) > 2 else None
-            if own is None or (count := self._as_one(events, own, lateness)) is None:
+            if own is None or (count := self._as_one(events, own, lateness, starts=starts)) is None:
                 continue
             if values is not None and not {*self._grouped(events[0], own)} <= {*values}:
                 continue
@@ -192,7 +194,9 @@ class JoinedScenario:
             expected.add(differ[0] if len(differ) == 1 else Operation(Operator.OR, differ))
         return distinct if {*map(_sorted_choice, pairs)} == {*map(_sorted_choice, expected)} else None
 
-    def _as_one(self, events: Sequence[Event], own: _OwnVariables, lateness: int | None) -> CountedEvents | None:
+    def _as_one(
+        self, events: Sequence[Event], own: _OwnVariables, lateness: int | None, *, starts: bool
+    ) -> CountedEvents | None:
         """Return a leaf's events as one row, or None if its last events may not stand for others."""
         members, (first, *_), last = frozenset(events), events, events[-1]
         pattern = untimed(first.pattern)[0]
@@ -214,7 +218,7 @@ class JoinedScenario:
         alone = all(self.windows[guard][0] <= members for guard in guards)
         alone &= not self.before[first] and not any(inside for _, inside in clauses)
         length = min((self.windows[guard][1] for guard in guards), default=None)
-        needed = None if own.distinct and alone else first
+        needed = None if own.distinct and alone and not starts else first
         return CountedEvents(needed, len(events), timed, own.distinct, own.guards, length)
 
     @cached_property

@@ -1,5 +1,6 @@
 """Counted leaves in the languages that query tables, held against the reference on random trees."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
@@ -99,3 +100,58 @@ def test_counted_leaves_of_random_trees(name: str, count: int) -> None:
         seen.update({"detected": any(wanted), "one row": any(one in specification.text for one in ("count_1", "prev("))})
     assert seen["detected"] > count // 4
     assert seen["one row"] > count // 4
+
+
+DISTINCT: Final = "f on a(U, V, _) times 3 distinct V;"
+PAIRS: Final = "f on a(U, V, W) times 3 distinct V, W;"
+EACH: Final = "f on a(U, V, _) times 3 each V;"
+FAULTS: Final = {
+    "one event fewer": (("sql-table", "sql-table-duckdb", "kql"), DISTINCT, r"([\w)] (>=|==)) 3|(lag\(time,) 2", r"\1\3 2"),
+    "one each fewer": (("sql-table", "sql-table-duckdb", "kql"), EACH, r"((lag|prev)\(\w+,) 2", r"\1 1"),
+    "a longer window": (
+        ("sql-table", "sql-table-duckdb", "kql"),
+        DISTINCT,
+        r"(<=|time -|time \+|BETWEEN) 3\b|_time \+ 3",
+        r"\1 4",
+    ),
+    "a shorter window": (("sql-table", "sql-table-duckdb", "kql"), DISTINCT, r"(<=|time -|BETWEEN) 3\b", r"\1 2"),
+    "a longer window of each": (("sql-table-duckdb", "kql"), EACH, r"(_time \+|<=) 3\b", r"\1 4"),
+    "equal values": (("sql-table", "sql-table-duckdb"), DISTINCT, "DISTINCT ", ""),
+    "the first value of a pair": (("sql-table-duckdb",), PAIRS, r'\("V", "W"\)', '"V"'),
+    "the first value alone": (("sql-table", "kql"), PAIRS, r', o\."W"|, W_1(?=\n)', ""),
+    "all keys": (("sql-table", "sql-table-duckdb"), DISTINCT, r', "U"(?= ORDER BY)| AND e\."U" = o\."U"', ""),
+    "all keys of each": (("sql-table", "sql-table-duckdb", "kql"), EACH, r', "U"(?= ORDER BY)| and U_1 == U_3', ""),
+    "events of equal times": (
+        ("sql-table-duckdb",),
+        DISTINCT,
+        "pos ROWS BETWEEN reach PRECEDING",
+        "time RANGE BETWEEN 3 PRECEDING",
+    ),
+    "later events": (("sql-table", "kql"), DISTINCT, r"(o\.pos <= e\.pos AND |pos_1 <= pos_3 and )", ""),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_wrong_count_is_found(fault: str) -> None:
+    languages, leaf_, right, wrong = FAULTS[fault]
+    tree = loads(
+        f"{TYPED}assume types, present, order 0 s; time t as ns; toplevel top; top and f within 3 ns; {leaf_}"
+    )
+    random, traces = Random(fault), list[list[Any]]()
+    for _ in range(600):
+        now, trace = 0, list[Any]()
+        for _ in range(random.randrange(3, 7)):
+            now += random.choice((0, 0, 1, 1, 2))
+            values = {"v": random.randrange(3), "w": random.randrange(2)}
+            trace.append({"k": "a", "u": random.choice("xxxy"), **values, "t": now})
+        traces.append(trace)
+    verdicts = [[*Reference(tree, Semantics.SCATTERED).run(trace)] for trace in traces]
+    wanted = [run.index(Verdict.TRUE) + 1 if Verdict.TRUE in run else None for run in verdicts]
+    for name in languages:
+        if name.endswith("duckdb") and not find_spec("duckdb"):
+            continue
+        text = backend(name).translate(tree, Semantics.SCATTERED).text
+        assert backend(name).read(text).first_detections(traces) == wanted, text  # type: ignore[attr-defined]
+        changed = re.sub(right, wrong, text)
+        assert changed != text, text
+        assert backend(name).read(changed).first_detections(traces) != wanted, changed  # type: ignore[attr-defined]

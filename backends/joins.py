@@ -81,9 +81,7 @@ class JoinedScenario:
     counts_of: Mapping[Event, CountedEvents] = field(default_factory=dict)
     """The leaves that are one row, by the last event; the events between the first and the last are left out."""
 
-    def counted(
-        self: S, lateness: int | None, *, values: Collection[str] | None = None, starts: bool = False
-    ) -> S:
+    def counted(self: S, lateness: int | None, *, values: Collection[str] | None = None, starts: bool = False) -> S:
         """Return the scenario with counted leaves as single rows, where that makes no difference.
 
         `lateness`: the D of `late` or `assume order`. `values`: the variables whose values rows may be

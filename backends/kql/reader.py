@@ -253,7 +253,9 @@ class KqlProgram:
         def extended(source: _Rows) -> _Rows:
             rows = table.of(source)
             placed = [{**row, _PLACE: (rows, place)} for place, row in enumerate(rows)]
-            return [{**row, **{name: one.of(inner) for name, one in made}} for row, inner in zip(rows, placed, strict=True)]
+            return [
+                {**row, **{name: one.of(inner) for name, one in made}} for row, inner in zip(rows, placed, strict=True)
+            ]
 
         return table._replace(types={**table.types, **types}, of=extended)
 
@@ -412,7 +414,9 @@ class KqlProgram:
             case "prev" if self._sorted and (len(parts) == 1 or (len(parts) == 2 and tree.children[2].data == "whole")):
                 shift = 1 if len(parts) == 1 else parts[1].of({})
                 return _Expression(parts[0].type, lambda row: _earlier(row, parts[0], shift))
-            case "row_number" if self._sorted and len(parts) == 2 and (parts[0].type, parts[1].type) == ("long", "bool"):
+            case "row_number" if (
+                self._sorted and len(parts) == 2 and (parts[0].type, parts[1].type) == ("long", "bool")
+            ):
                 return _Expression("long", lambda row: _numbered(row, *parts))
             case "pack_array":
                 return _Expression("array", lambda row: [part.of(row) for part in parts])

@@ -340,7 +340,9 @@ class KqlQuery:
             where.append(f"time_{end} - time_{start} {self._bound(count.length)}")
         elif count.timed:
             where += [known, f"isnotnull(time_{start})"]
-        latest = ", ".join(f"{first} = max({first})" for first, _ in (columns[one] for one in ("pos", "time") if one in columns))
+        latest = ", ".join(
+            f"{first} = max({first})" for first, _ in (columns[one] for one in ("pos", "time") if one in columns)
+        )
         by = [last_ for _, last_ in columns.values()] + [first for first, _ in same]
         by += [f"one_{end}"] * (alone or not same) + [self._column(name, start) for name in count.distinct]
         steps += [

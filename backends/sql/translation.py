@@ -330,9 +330,7 @@ class SqlQuery:
         rank = f"row_number() OVER (PARTITION BY {own} ORDER BY first_pos DESC)"
         return self._table(_selected(latest, rank, f"= {count.count}"), "count_")
 
-    def _within(
-        self, count: CountedEvents, table: str, many: str, keys: Sequence[str], values: Sequence[str]
-    ) -> str:
+    def _within(self, count: CountedEvents, table: str, many: str, keys: Sequence[str], values: Sequence[str]) -> str:
         """Return the table of events that end a window with enough values, by window functions.
 
         Events with equal times are ordered, so a range of times becomes a number of rows.
@@ -347,11 +345,11 @@ class SqlQuery:
         reach = self._table(f"SELECT *, number - {first} AS reach FROM {near}", "reach_")
         over = _over(keys, "pos", "ROWS BETWEEN reach PRECEDING AND CURRENT ROW")
         what = values[0] if len(values) == 1 else f"({', '.join(values)})"
-        return self._table(_selected(reach, f"{self.dialect.distinct.format(what)} OVER {over}", f">= {count.count}"), "count_")
+        return self._table(
+            _selected(reach, f"{self.dialect.distinct.format(what)} OVER {over}", f">= {count.count}"), "count_"
+        )
 
-    def _latest(
-        self, count: CountedEvents, table: str, ends: str, keys: Sequence[str], values: Sequence[str]
-    ) -> str:
+    def _latest(self, count: CountedEvents, table: str, ends: str, keys: Sequence[str], values: Sequence[str]) -> str:
         """Return the query for the latest event of each value up to a last event, or for how many there are."""
         where = [f"e.{key} = o.{key}" for key in keys]
         where.append("o.pos <= e.pos")
@@ -455,9 +453,11 @@ class SqlQuery:
         for guard, home in one.homes:
             if home is None and not (guard in windows and windows[guard][0] - one.tried):
                 where += self._near(one, guard, alias) or [self.guards.condition(guard, terms)]
-        where += self._absences(one, alias, terms, first_of)
+        near = [number for number, (clause, part) in enumerate(one.absences, 1) if self._is_near(one, clause, part)]
+        where += self._absences(one, alias, terms, first_of, near)
         values = self._values(first_of)
-        wanted = self._wanted(one, alias, " ".join([*where, values]))
+        extremes = [column for number in near for column in self._extremes(one, number, alias, first_of)]
+        wanted = self._wanted(one, alias, " ".join([*where, *extremes, values]))
         tables = {
             name: self._leaf(one, name, places, wanted[alias[name]])
             for name in alias
@@ -466,7 +466,9 @@ class SqlQuery:
         tables |= {last: self._counted(one, last, tables[count.first or last]) for last, count in one.counts_of.items()}
         alone = {name: QueriedRow(table, {}) for name, table in tables.items()}
         rows = self._firsts(one, tables, alias, wanted) if self.first else alone
-        last_of = {alias[count.first]: alias[event] for event, count in one.counts_of.items() if count.first is not None}
+        last_of = {
+            alias[count.first]: alias[event] for event, count in one.counts_of.items() if count.first is not None
+        }
         sources = [f"{rows[name].table} AS {row}" for name, row in alias.items() if row not in last_of]
         first, *others = alias.values()
         joins = [] if self.untraced else [f"{row}.trace = {first}.trace" for row in others]
@@ -486,27 +488,38 @@ class SqlQuery:
             raise TooLarge("tables joined in a scenario", limit=TABLES)
         lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
         last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
-        decisions = [*self._decisions(one, alias)]
+        decisions = {number: value for number, value in self._decisions(one, alias) if number not in near}
         trace = "" if self.untraced else f"{first}.trace, "
         what = f"{trace}{last} AS detected, {one.branch} AS branch,\n  {self._nodes(alias)} AS nodes{values}"
-        what += "".join(f",\n  {decision} AS decided_{number}" for number, decision in enumerate(decisions, 1))
+        what += "".join(f",\n  {decision} AS decided_{number}" for number, decision in decisions.items())
+        what += f",\n  {', '.join(extremes)}" if extremes else ""
         condition = "\n  AND ".join(
             some for some in dict.fromkeys([*joins, *where]) if not _is_of_one_row(some, last_of)
         )
         distinct = "DISTINCT " if self.first and not one.loose else ""
         query = f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
         query = _of_last(query, last_of)
-        return self._decided(query, len(decisions), values) if decisions else query
+        return self._decided(one, query, [*decisions], near, values) if decisions or near else query
 
-    def _decided(self, query: str, decisions: int, values: str) -> str:
-        """Return the matches of a query whose clauses `after` are decided, detected where the last one is."""
-        names = [f"decided_{number}" for number in range(1, decisions + 1)]
-        last = f"{self.dialect.greatest}(detected, {', '.join(names)})"
+    def _decided(
+        self, one: QueriedScenario, query: str, decisions: Sequence[int], near: Sequence[int], values: str
+    ) -> str:
+        """Return the matches of a query that no event breaks, detected where the last clause `after` is decided.
+
+        `decisions`: clauses whose decision is a column of the query; `near`: those that are not looked at yet.
+        """
+        source = f"(\n{query}\n) AS match_"
+        if near:
+            source = self._table(query, "match_")
+            for number in near:
+                source = self._unbroken(one, number, source)
+        after = [number for number, (clause, _) in enumerate(one.absences, 1) if clause.side is Side.AFTER]
+        last = f"{self.dialect.greatest}({', '.join(['detected', *(f'decided_{number}' for number in after)])}) AS "
         shown = ["nodes", *re.findall(r" AS (v\d+_json|variables)\b", values)]
         trace = "" if self.untraced else "trace, "
-        decided = " AND ".join(f"{name} IS NOT NULL" for name in names)
-        what = f"{trace}{last} AS detected, branch, {', '.join(shown)}"
-        return f"SELECT {what}\nFROM (\n{query}\n) AS match_\nWHERE {decided}"
+        decided = " AND ".join(f"decided_{number} IS NOT NULL" for number in decisions)
+        what = f"{trace}{last if after else ''}detected, branch, {', '.join(shown)}"
+        return f"SELECT {what}\nFROM {source}" + (f"\nWHERE {decided}" if decided else "")
 
     # Absent events.
 
@@ -516,17 +529,18 @@ class SqlQuery:
         alias: Mapping[Event, str],
         terms: Mapping[str, SqlTerm],
         first_of: Mapping[str, str],
+        near: Sequence[int],
     ) -> Iterator[str]:
-        """Yield the conditions that no event breaks a `without`."""
+        """Yield the conditions that no event breaks a `without`; those `near` are for `_unbroken`."""
         for number, (clause, part) in enumerate(one.absences, 1):
             row, where = f"q{number}", list[str]()
             begin, end = self._extreme("pos", part, alias, one)
             if clause.duration is not None:
                 yield from (f"{alias[event]}.time IS NOT NULL" for event in part)
+            if number in near or (clause.side is Side.DURING and len(part) == 1):
+                continue
             match clause.side:
                 case Side.DURING:
-                    if len(part) == 1:
-                        continue
                     where += [f"{begin} < {row}.pos", f"{row}.pos < {end}"]
                 case Side.BEFORE:
                     where.append(f"{row}.pos < {begin}")
@@ -555,8 +569,8 @@ class SqlQuery:
             trace = [] if self.untraced else [f"{row}.trace = {next(iter(alias.values()))}.trace"]
             yield f"NOT EXISTS (SELECT 1 FROM {table} AS {row} WHERE {' AND '.join([*trace, *where])})"
 
-    def _absent(self, clause: Without, guards: Iterable[Guard], wanted: Set[str]) -> str:
-        """Return the table of the events that a clause excludes."""
+    def _absent(self, clause: Without, guards: Iterable[Guard], wanted: Set[str], *, timed: bool = False) -> str:
+        """Return the table of the events that a clause excludes; `timed`: of those with a time."""
         source, rows = self.log
         paths = variable_paths(clause.pattern)
         columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos")]
@@ -568,7 +582,7 @@ class SqlQuery:
         if clause.duration is not None:
             columns.append(renamed(rows.time, "time"))
         where = ["NOT late"] if self.late is not None else []
-        where.append(self.condition(clause.pattern, guards, rows))
+        where += [self.condition(clause.pattern, guards, rows), *[f"{rows.time} IS NOT NULL"][:timed]]
         return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {' AND '.join(where)}", "w")
 
     def _undecided(
@@ -583,25 +597,117 @@ class SqlQuery:
         if self.lateness is None:
             yield f"NOT EXISTS (SELECT 1 FROM {self._deciding(clause, part, alias, one)} AND d.pos < {row}.pos)"
 
-    def _decisions(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
-        """Yield the positions that decide the clauses `after`."""
-        for clause, part in one.absences:
+    def _decisions(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[tuple[int, str]]:
+        """Yield the numbers of the clauses `after`, each with the position that decides it."""
+        for number, (clause, part) in enumerate(one.absences, 1):
             if clause.side is Side.AFTER:
-                yield f"(SELECT min(d.pos) FROM {self._deciding(clause, part, alias, one)})"
+                yield number, f"(SELECT min(d.pos) FROM {self._deciding(clause, part, alias, one)})"
 
     def _deciding(
         self, clause: Without, part: Sequence[Event], alias: Mapping[Event, str], one: QueriedScenario
     ) -> str:
         """Return the table `d` of times and the condition that an event decides a clause."""
-        source, rows = self.log
-        columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos"), renamed(rows.time, "time")]
-        query = f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {rows.time} IS NOT NULL"
         _, last = self._extreme("pos", part, alias, one)
         _, end = self._extreme("time", part, alias, one)
         trace = [] if self.untraced else [f"d.trace = {alias[part[0]]}.trace"]
-        length = (clause.duration or 0) + (self.lateness or 0)
-        where = [*trace, f"{last} < d.pos", self._apart("d.time", ">", end, length)]
-        return f"{self._table(query, 'time_')} AS d WHERE {' AND '.join(where)}"
+        where = [*trace, f"{last} < d.pos", self._apart("d.time", ">", end, self._patience(clause))]
+        return f"{self._times()} AS d WHERE {' AND '.join(where)}"
+
+    def _times(self) -> str:
+        """Return the table of the events with a time."""
+        source, rows = self.log
+        columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos"), renamed(rows.time, "time")]
+        query = f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {rows.time} IS NOT NULL"
+        return self._table(query, "time_")
+
+    def _patience(self, clause: Without) -> int:
+        """Return the time after which a clause is decided."""
+        return (clause.duration or 0) + (self.lateness or 0)
+
+    # Absent events of which the nearest one tells whether there is one: `n log n` by joins with the nearest row.
+
+    def _is_near(self, one: QueriedScenario, clause: Without, part: Sequence[Event]) -> bool:
+        """Whether the nearest event with equal values tells whether an event breaks a clause.
+
+        Then the guard is on the event alone, and events of the match cannot stand where others break it.
+        """
+        alone = all(variable_paths(clause.pattern).keys() >= {*variables(one)} for one in conjuncts(clause.guard))
+        inside = clause.side is Side.DURING
+        used = [event for event in one.before if inside or event not in part]
+        apart = not any(compatible(clause.pattern, event.pattern) for event in used)
+        short = self._patience(clause) < LONGEST
+        return bool(self.dialect.nearest) and alone and apart and short and not (inside and len(part) == 1)
+
+    def _extremes(
+        self, one: QueriedScenario, number: int, alias: Mapping[Event, str], first_of: Mapping[str, str]
+    ) -> Iterator[str]:
+        """Yield the columns of a match that a clause compares: positions, times and values."""
+        clause, part = one.absences[number - 1]
+        for column in ("pos", *["time"][: clause.duration is not None]):
+            first, last = self._extreme(column, part, alias, one)
+            yield from [f"{first} AS first_{column}_{number}"] * (clause.side is not Side.AFTER)
+            yield from [f"{last} AS last_{column}_{number}"] * (clause.side is not Side.BEFORE)
+        for name in rigid_variables(clause.pattern):
+            if name not in clause.own:
+                yield f"{first_of[name]}_key AS key_{number}_{self._bound.index(name)}"
+
+    def _unbroken(self, one: QueriedScenario, number: int, matches: str) -> str:
+        """Return the table of the matches in a table that no event breaks; for `after` with the deciding position."""
+        clause, _ = one.absences[number - 1]
+        length = self.guards.literal(clause.duration or 0).whole
+        names = [name for name in rigid_variables(clause.pattern) if name not in clause.own]
+        keys = {f"{self._column(name)}_key": f"key_{number}_{self._bound.index(name)}" for name in names}
+        guards = conjuncts(clause.guard)
+        absent = self._absent(clause, guards, {*keys}, timed=clause.duration is not None)
+        trace = [] if self.untraced else ["trace"]
+        same = [f"m.{name} = q.{name}" for name in trace] + [f"m.{key} = q.{name}" for name, key in keys.items()]
+        first, last = f"m.first_pos_{number}", f"m.last_pos_{number}"
+        match clause.side:
+            case Side.DURING:
+                order, kept = f"{first} < q.pos", f"q.pos >= {last}"
+            case Side.BEFORE if clause.duration is None:
+                order, kept = f"{first} > q.pos", "false"
+            case Side.BEFORE:
+                frame = "ROWS BETWEEN UNBOUNDED PRECEDING AND CURRENT ROW"
+                latest = f"max(time) OVER {_over([*trace, *keys], 'pos', frame)} AS found"
+                absent = self._table(f"SELECT *, {latest} FROM {absent}", "latest_")
+                order, kept = f"{first} > q.pos", f"q.found < m.first_time_{number} - {length}"
+            case Side.AFTER if self.lateness is None:
+                matches = self._with_decision(clause, number, matches)
+                order, kept = f"{last} < q.pos", f"q.pos >= m.decided_{number}"
+            case Side.AFTER:
+                matches = self._with_decision(clause, number, matches)
+                frame = "ROWS BETWEEN CURRENT ROW AND UNBOUNDED FOLLOWING"
+                soonest = f"min(time) OVER {_over([*trace, *keys], 'pos', frame)} AS found"
+                absent = self._table(f"SELECT *, {soonest} FROM {absent}", "soonest_")
+                order, kept = f"{last} < q.pos", f"q.found > m.last_time_{number} + {length}"
+            case _:
+                assert_never(clause.side)
+        join = f"{matches} AS m {self.dialect.nearest.format('LEFT ')} {absent} AS q ON {' AND '.join([*same, order])}"
+        return self._table(f"SELECT m.* FROM {join} WHERE q.pos IS NULL OR {kept}", "unbroken_")
+
+    def _with_decision(self, clause: Without, number: int, matches: str) -> str:
+        """Return the table of the matches whose clause `after` is decided, with the position that decides it.
+
+        It is the first event with the highest time so far, if that is late enough. Only a match that
+        comes after such an event, since times went back, is compared with each event.
+        """
+        trace, times, last = [] if self.untraced else ["trace"], self._times(), f"last_pos_{number}"
+        frame = "ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING"
+        earlier = f"max(time) OVER {_over(trace, 'pos', frame)}"
+        highest = self._table(_selected(times, earlier, "IS NULL OR time > found"), "highest_")
+        same = [f"m.{name} = d.{name}" for name in trace]
+        late = f"m.last_time_{number} + {self.guards.literal(self._patience(clause)).whole} < d.time"
+        join = f"{matches} AS m {self.dialect.nearest.format('')} {highest} AS d ON {' AND '.join([*same, late])}"
+        found = self._table(f"SELECT m.*, d.pos AS decided_{number} FROM {join}", "decided_")
+        if self.lateness is not None:
+            return found
+        where = " AND ".join([*same, f"m.{last} < d.pos", late])
+        first = f"(SELECT min(d.pos) FROM {times} AS d WHERE {where}) AS decided_{number}"
+        ahead = f"SELECT * FROM {found} WHERE decided_{number} > {last}"
+        behind = f"SELECT m.* REPLACE ({first}) FROM {found} AS m WHERE decided_{number} <= {last}"
+        both = f"SELECT * FROM ({ahead} UNION ALL {behind}) AS either WHERE decided_{number} IS NOT NULL"
+        return self._table(both, "decided_")
 
     def _apart(self, later: str, sign: str, earlier: str, length: int) -> str:
         """Return the comparison of the difference of two times with a duration."""

@@ -36,7 +36,7 @@ from rvaft import (
     translate,
 )
 from rvaft import backend as backends
-from rvaft.backend import backend
+from rvaft.backend import SpecificationText, backend
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.semantics import Reference, matches
 from tests.backends.injections import INJECTIONS
@@ -110,6 +110,80 @@ def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
     monitor = specification.monitor()
     assert monitor.first_detections(traces) == wanted, specification.text  # type: ignore[attr-defined]
     assert any(wanted)
+
+
+NEAREST = {
+    "heartbeat": 'top and h; h on e("a", U) without e("a", U) for 2 s after;',
+    "two heartbeats": 'top and h g; h on e("a", U) without e("a", U) for 1 s after; '
+    'g on e("b", V) without e("b", V) for 2 s after without e("c", _) for 1 s after;',
+    "a part": 'top sand g c; g sand a b within 3 s without e("d", U) for 1 s after; a on e("a", U); b on e("b", U); '
+    'c on e("c", _);',
+    "own values": 'top on e("a", _) without e("b", V) when V > 0 for 1 s after;',
+    "first seen": 'top on e("a", U) without e("a", U) for 2 s before;',
+    "ever": 'top sand a b; a on e("a", U); b on e("b", U) without e("c", U) before without e("d", _) for 1 s before;',
+    "between": 'top sand a b without e("c", U); a on e("a", U); b on e("b", U);',
+    "between, and any": 'top sand a b c without e("d", V) when V != 1; a on e("a", U); b on e("b", U); c on e("c", _);',
+    "count": 'top and f; f on e("a", U) times 3 without e("b", U) for 1 s after;',
+    "branches": 'top or a b; a on e("a", U) without e("b", U) for 1 s after; b on e("c", U) without e("b", U) before;',
+}
+
+
+@pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
+@pytest.mark.parametrize("late", ["late 0 s", "late 1 s", ""])
+@pytest.mark.parametrize("name", NEAREST)
+def test_the_nearest_absent_event(name: str, late: str, count: int = 150) -> None:
+    """By joins with the nearest row, in logs whose times go back, stand still and are absent."""
+    tree = loads(f"event e(n, u) = {{ event: n, u: u }}; time t as s {late}; toplevel top; {NEAREST[name]}")
+    specification = SqlDuckdbBackend().translate(tree, Semantics.SCATTERED)
+    assert "ASOF LEFT JOIN" in specification.text
+    assert "NOT EXISTS" not in specification.text
+    random, traces = Random(f"{name} {late}"), list[list[Any]]()
+    for _ in range(count):
+        now, trace, letters = 0, list[Any](), random.choice(("aabbcd", "aab", "abc", "aaac"))
+        for _ in range(random.randrange(2, 12)):
+            now += random.choice((0, 0, 1, 1, 2, random.choice((-1, 1)), random.choice((-3, 4, 1))))
+            event = {"event": random.choice(letters), "u": random.choice((0, 1, 1, 1.0, 2))}
+            trace.append(event if random.random() < 0.06 else {**event, "t": now})
+        traces.append(trace)
+    verdicts = [[*Reference(tree, Semantics.SCATTERED).run(trace)] for trace in traces]
+    wanted = [run.index(Verdict.TRUE) + 1 if Verdict.TRUE in run else None for run in verdicts]
+    monitor = specification.monitor()
+    assert monitor.first_detections(traces) == wanted, specification.text  # type: ignore[attr-defined]
+    assert 3 < sum(one is not None for one in wanted) < count
+    found = SqlDuckdbBackend().matches(specification.text, traces)
+    assert (found is None) == (name == "count" and late == "late 0 s")
+    assert found is None or [*found] == [matches(tree, Semantics.SCATTERED, trace) for trace in traces]
+
+
+SHIFTED = {
+    "the deadline": ("heartbeat", "", r"2000000000 < d\.time", "2000000000 <= d.time"),
+    "the first deadline": ("heartbeat", "", " UNION ALL .* AS either", ") AS either"),
+    "the highest time": ("heartbeat", "", "IS NULL OR time > found", "IS NULL OR time < found"),
+    "the event that decides": ("heartbeat", "", r"q\.pos >= m\.decided", "q.pos > m.decided"),
+    "a later breach": ("own values", "late 1 s", r"q\.found > m\.last_time_1", "q.time > m.last_time_1"),
+    "an earlier breach": ("first seen", "", r"q\.found < m\.first_time_1", "q.time < m.first_time_1"),
+    "the last moment": ("own values", "late 0 s", r"q\.found > m", "q.found >= m"),
+    "the first moment": ("first seen", "", r"q\.found < m", "q.found <= m"),
+    "values": ("between", "", r" AND m\.key_1_0 = q\.v1_key", ""),
+    "the end": ("between", "", r"q\.pos >= m\.last_pos_1", "q.pos < m.last_pos_1"),
+}
+
+
+@pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
+@pytest.mark.parametrize("fault", SHIFTED)
+def test_a_wrong_absence_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    name, late, right, wrong = SHIFTED[fault]
+    write = SqlDuckdbBackend.write
+
+    def faulty(self: SqlDuckdbBackend, *given: Any) -> SpecificationText:
+        text = write(self, *given)
+        changed = re.sub(right, wrong, text.text)
+        assert changed != text.text, text.text
+        return SpecificationText(changed, text.metrics)
+
+    monkeypatch.setattr(SqlDuckdbBackend, "write", faulty)
+    with pytest.raises(AssertionError):
+        test_the_nearest_absent_event(name, late, 600)
 
 
 def tree_with(text: str) -> tuple[RVAFT, list[Any]]:

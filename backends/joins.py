@@ -25,8 +25,8 @@ from rvaft.core.property import Event, One, Property, Without
 from rvaft.core.scenarios import Kept, scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge
-from rvaft.model.assumptions import places
 from rvaft.model import patterns
+from rvaft.model.assumptions import places
 from rvaft.model.guards import Guard, Operation, Operator, renamed, variables
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import Literal, Pattern, Variable, rigid_variables
@@ -196,7 +196,7 @@ class JoinedScenario:
         self, events: Sequence[Event], own: _OwnVariables, lateness: int | None, *, starts: bool
     ) -> CountedEvents | None:
         """Return a leaf's events as one row, or None if its last events may not stand for others."""
-        members, (first, *_), last = frozenset(events), events, events[-1]
+        members, (first, *_) = frozenset(events), events
         pattern = untimed(first.pattern)[0]
         chained = all(self.before[event] == self.before[first] | {*events[:at]} for at, event in enumerate(events))
         others = [event for event in self.before if event not in members]

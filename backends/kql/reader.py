@@ -269,7 +269,7 @@ class KqlProgram:
         def ordered(source: _Rows) -> _Rows:
             rows = table.of(source)[::-1]
             for name, falling in reversed(keys):
-                rows.sort(key=lambda row: (row[name] is not None, row[name]), reverse=falling)  # noqa: B023
+                rows.sort(key=lambda row: (row[name] is not None, row[name]), reverse=falling)
             return rows
 
         return table._replace(of=ordered, sorted=True)
@@ -458,7 +458,7 @@ def _numbered(row: _Row, start: _Expression, restart: _Expression) -> int:
     first = place
     while first and restart.of({**rows[first], _PLACE: (rows, first)}) is not True:
         first -= 1
-    return int(start.of(row)) + place - first
+    return int(start.of(row)) + int(place) - int(first)
 
 
 def _constant(type_: str, value: Json) -> _Expression:

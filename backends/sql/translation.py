@@ -21,15 +21,16 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from typing import Final, assert_never
 
-from backends.joins import COUNTED, LONGEST, CountedEvents, JoinedScenario, joined_scenarios, variable_paths
+from backends.joins import COUNTED, LONGEST, JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
+from backends.sql.windows import CountedLeaf, NearestAbsence, Queries
 from backends.tables import Table, time_line
 from rvaft.backend import Metrics
 from rvaft.core.patterns import compatible
@@ -37,7 +38,7 @@ from rvaft.core.property import Event, Property, Without
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
+from rvaft.model.guards import Guard, conjuncts, variables
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import (
     Anything,
@@ -121,6 +122,7 @@ class SqlQuery:
         """Whether the table is one log."""
         self.tables: dict[str, str] = {}
         """Table names by query."""
+        self._queries = Queries(self._table, dialect, () if self.untraced else ("trace",))
         self._columns_of: dict[str, list[str]] = {}
         """The columns of the tables of events."""
         self._known_tables = Counter[str]()
@@ -292,81 +294,9 @@ class SqlQuery:
     def _counted(self, one: QueriedScenario, last: Event, table: str) -> str:
         """Return the table of the last events of a counted leaf, from that of its events."""
         count, names = one.counts_of[last], rigid_variables(untimed(last.pattern)[0])
-        trace = [] if self.untraced else ["trace"]
-        keys = [*trace, *(f"{self._column(name)}_key" for name in names)]
-        if count.distinct:
-            return self._distinct(count, table, keys)
-        shown = [
-            f"lag({name}, {count.count - 1}) OVER w AS first_{name}" for name in ("pos", "time")[: 1 + count.timed]
-        ]
-        where = " WHERE time IS NOT NULL" if count.timed else ""
-        return self._table(f"SELECT *, {', '.join(shown)} FROM {table}{where} WINDOW w AS {_over(keys)}", "count_")
-
-    # Counted events with different values.
-
-    def _distinct(self, count: CountedEvents, table: str, keys: Sequence[str]) -> str:
-        """Return the table of the last of events with different values.
-
-        Where there is a window, only events with as many others in it are looked at.
-        """
+        keys = [f"{self._column(name)}_key" for name in names]
         values = [f"{self._column(name)}_key" for name in count.distinct]
-        if count.length is None:
-            first = f"row_number() OVER {_over([*keys, *values])} = 1 AS is_first"
-            numbered = self._table(f"SELECT *, {first} FROM {table}", "first_")
-            number = f"count(CASE WHEN is_first THEN 1 END) OVER {_over(keys)}"
-            ends = self._table(_selected(numbered, number, f">= {count.count}"), "count_")
-        else:
-            earlier = f"lag(time, {count.count - 1}) OVER {_over(keys)}"
-            ends = self._table(_selected(table, earlier, f">= time - {self._length(count)}"), "many_")
-            if self.dialect.distinct:
-                ends = self._within(count, table, ends, keys, values)
-            elif count.first is None and len(values) == 1:
-                return self._table(self._latest(count, table, ends, keys, values), "count_")
-        exact = count.length is None or self.dialect.distinct
-        if count.first is None and exact:
-            return ends
-        latest = self._table(self._latest(count, table, ends, keys, values), "latest_")
-        own = ", ".join([*([] if self.untraced else ["trace"]), "pos"])
-        rank = f"row_number() OVER (PARTITION BY {own} ORDER BY first_pos DESC)"
-        return self._table(_selected(latest, rank, f"= {count.count}"), "count_")
-
-    def _within(self, count: CountedEvents, table: str, many: str, keys: Sequence[str], values: Sequence[str]) -> str:
-        """Return the table of events that end a window with enough values, by window functions.
-
-        Events with equal times are ordered, so a range of times becomes a number of rows.
-        """
-        length = self._length(count)
-        span = f"time // {max(count.length or 0, 1)}"
-        places = ", ".join([*keys, span])
-        spans = f"SELECT {places} FROM {many} UNION ALL SELECT {places} - 1 FROM {many}"
-        near = f"SELECT *, row_number() OVER {_over(keys)} AS number FROM {table}"
-        near = self._table(f"{near} WHERE ({places}) IN ({spans})", "near_")
-        first = f"min(number) OVER {_over(keys, 'time', f'RANGE BETWEEN {length} PRECEDING AND CURRENT ROW')}"
-        reach = self._table(f"SELECT *, number - {first} AS reach FROM {near}", "reach_")
-        over = _over(keys, "pos", "ROWS BETWEEN reach PRECEDING AND CURRENT ROW")
-        what = values[0] if len(values) == 1 else f"({', '.join(values)})"
-        return self._table(
-            _selected(reach, f"{self.dialect.distinct.format(what)} OVER {over}", f">= {count.count}"), "count_"
-        )
-
-    def _latest(self, count: CountedEvents, table: str, ends: str, keys: Sequence[str], values: Sequence[str]) -> str:
-        """Return the query for the latest event of each value up to a last event, or for how many there are."""
-        where = [f"e.{key} = o.{key}" for key in keys]
-        where.append("o.pos <= e.pos")
-        if count.length is not None:
-            where.append(f"o.time >= e.time - {self._length(count)}")
-        columns = [f"e.{column}" for column in self._columns_of[table]]
-        tables = f"FROM {ends} AS e, {table} AS o WHERE {' AND '.join(where)}"
-        values = [f"o.{value}" for value in values]
-        if count.first is None and len(values) == 1:
-            grouped = ", ".join(columns)
-            enough = f"count(DISTINCT {values[0]}) >= {count.count}"
-            return f"SELECT {grouped} {tables} GROUP BY {grouped} HAVING {enough}"
-        shown = [f"max(o.{name}) AS first_{name}" for name in ("pos", "time")[: 1 + count.timed]]
-        return f"SELECT {', '.join([*columns, *shown])} {tables} GROUP BY {', '.join([*columns, *values])}"
-
-    def _length(self, count: CountedEvents) -> str:
-        return str(self.guards.literal(count.length or 0).whole)
+        return CountedLeaf(self._queries, count, table, self._columns_of[table], keys, values).table()
 
     def _column(self, variable: str) -> str:
         return self._columns[variable]
@@ -429,26 +359,7 @@ class SqlQuery:
 
     def _select(self, one: QueriedScenario, places: str) -> str:
         alias = {name: f"e{number}" for number, name in enumerate(one.before, 1)}
-        terms: dict[str, SqlTerm] = {}
-        first_of: dict[str, str] = {}
-        where: list[str] = []
-        for variable, names in one.binders.items():
-            if variable in one.times:
-                terms[variable] = SqlTerm(whole=f"{alias[names[0]]}.time")
-                continue
-            columns = [f"{alias[name]}.{self._column(variable)}" for name in names]
-            where += [f"{column}_key = {columns[0]}_key" for column in columns[1:]]
-            facets = {kind: f"{columns[0]}_{kind}" for kind in FACETS}
-            if not self.typed and any(
-                names[0] not in one.before[name] for name in names[1:]
-            ):  # use the value of the earliest event: 1 or 1.0
-                earliest = f"{alias[names[0]]}.pos"
-                for name, column in zip(names[1:], columns[1:], strict=True):
-                    sooner = f"CASE WHEN {alias[name]}.pos < {earliest} THEN"
-                    facets |= {kind: f"{sooner} {column}_{kind} ELSE {facets[kind]} END" for kind in FACETS[:2]}
-                    earliest = f"{sooner} {alias[name]}.pos ELSE {earliest} END"
-            terms[variable] = self.rows.variable(facets, variable_paths(names[0].pattern)[variable])
-            first_of[variable] = columns[0]
+        terms, first_of, where = self._joined_values(one, alias)
         windows = one.windows if self.first else {}
         for guard, home in one.homes:
             if home is None and not (guard in windows and windows[guard][0] - one.tried):
@@ -464,8 +375,8 @@ class SqlQuery:
             if name not in one.counts_of or one.counts_of[name].first is None
         }
         tables |= {last: self._counted(one, last, tables[count.first or last]) for last, count in one.counts_of.items()}
-        alone = {name: QueriedRow(table, {}) for name, table in tables.items()}
-        rows = self._firsts(one, tables, alias, wanted) if self.first else alone
+        rows = {name: QueriedRow(table, {}) for name, table in tables.items()}
+        rows = self._firsts(one, tables, alias, wanted) if self.first else rows
         last_of = {
             alias[count.first]: alias[event] for event, count in one.counts_of.items() if count.first is not None
         }
@@ -500,6 +411,32 @@ class SqlQuery:
         query = f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
         query = _of_last(query, last_of)
         return self._decided(one, query, [*decisions], near, values) if decisions or near else query
+
+    def _joined_values(
+        self, one: QueriedScenario, alias: Mapping[Event, str]
+    ) -> tuple[dict[str, SqlTerm], dict[str, str], list[str]]:
+        """Return the terms and the first columns of variables, and the conditions that their values are equal."""
+        terms: dict[str, SqlTerm] = {}
+        first_of: dict[str, str] = {}
+        where: list[str] = []
+        for variable, names in one.binders.items():
+            if variable in one.times:
+                terms[variable] = SqlTerm(whole=f"{alias[names[0]]}.time")
+                continue
+            columns = [f"{alias[name]}.{self._column(variable)}" for name in names]
+            where += [f"{column}_key = {columns[0]}_key" for column in columns[1:]]
+            facets = {kind: f"{columns[0]}_{kind}" for kind in FACETS}
+            if not self.typed and any(
+                names[0] not in one.before[name] for name in names[1:]
+            ):  # use the value of the earliest event: 1 or 1.0
+                earliest = f"{alias[names[0]]}.pos"
+                for name, column in zip(names[1:], columns[1:], strict=True):
+                    sooner = f"CASE WHEN {alias[name]}.pos < {earliest} THEN"
+                    facets |= {kind: f"{sooner} {column}_{kind} ELSE {facets[kind]} END" for kind in FACETS[:2]}
+                    earliest = f"{sooner} {alias[name]}.pos ELSE {earliest} END"
+            terms[variable] = self.rows.variable(facets, variable_paths(names[0].pattern)[variable])
+            first_of[variable] = columns[0]
+        return terms, first_of, where
 
     def _decided(
         self, one: QueriedScenario, query: str, decisions: Sequence[int], near: Sequence[int], values: str
@@ -654,60 +591,11 @@ class SqlQuery:
     def _unbroken(self, one: QueriedScenario, number: int, matches: str) -> str:
         """Return the table of the matches in a table that no event breaks; for `after` with the deciding position."""
         clause, _ = one.absences[number - 1]
-        length = self.guards.literal(clause.duration or 0).whole
         names = [name for name in rigid_variables(clause.pattern) if name not in clause.own]
         keys = {f"{self._column(name)}_key": f"key_{number}_{self._bound.index(name)}" for name in names}
-        guards = conjuncts(clause.guard)
-        absent = self._absent(clause, guards, {*keys}, timed=clause.duration is not None)
-        trace = [] if self.untraced else ["trace"]
-        same = [f"m.{name} = q.{name}" for name in trace] + [f"m.{key} = q.{name}" for name, key in keys.items()]
-        first, last = f"m.first_pos_{number}", f"m.last_pos_{number}"
-        match clause.side:
-            case Side.DURING:
-                order, kept = f"{first} < q.pos", f"q.pos >= {last}"
-            case Side.BEFORE if clause.duration is None:
-                order, kept = f"{first} > q.pos", "false"
-            case Side.BEFORE:
-                frame = "ROWS BETWEEN UNBOUNDED PRECEDING AND CURRENT ROW"
-                latest = f"max(time) OVER {_over([*trace, *keys], 'pos', frame)} AS found"
-                absent = self._table(f"SELECT *, {latest} FROM {absent}", "latest_")
-                order, kept = f"{first} > q.pos", f"q.found < m.first_time_{number} - {length}"
-            case Side.AFTER if self.lateness is None:
-                matches = self._with_decision(clause, number, matches)
-                order, kept = f"{last} < q.pos", f"q.pos >= m.decided_{number}"
-            case Side.AFTER:
-                matches = self._with_decision(clause, number, matches)
-                frame = "ROWS BETWEEN CURRENT ROW AND UNBOUNDED FOLLOWING"
-                soonest = f"min(time) OVER {_over([*trace, *keys], 'pos', frame)} AS found"
-                absent = self._table(f"SELECT *, {soonest} FROM {absent}", "soonest_")
-                order, kept = f"{last} < q.pos", f"q.found > m.last_time_{number} + {length}"
-            case _:
-                assert_never(clause.side)
-        join = f"{matches} AS m {self.dialect.nearest.format('LEFT ')} {absent} AS q ON {' AND '.join([*same, order])}"
-        return self._table(f"SELECT m.* FROM {join} WHERE q.pos IS NULL OR {kept}", "unbroken_")
-
-    def _with_decision(self, clause: Without, number: int, matches: str) -> str:
-        """Return the table of the matches whose clause `after` is decided, with the position that decides it.
-
-        It is the first event with the highest time so far, if that is late enough. Only a match that
-        comes after such an event, since times went back, is compared with each event.
-        """
-        trace, times, last = [] if self.untraced else ["trace"], self._times(), f"last_pos_{number}"
-        frame = "ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING"
-        earlier = f"max(time) OVER {_over(trace, 'pos', frame)}"
-        highest = self._table(_selected(times, earlier, "IS NULL OR time > found"), "highest_")
-        same = [f"m.{name} = d.{name}" for name in trace]
-        late = f"m.last_time_{number} + {self.guards.literal(self._patience(clause)).whole} < d.time"
-        join = f"{matches} AS m {self.dialect.nearest.format('')} {highest} AS d ON {' AND '.join([*same, late])}"
-        found = self._table(f"SELECT m.*, d.pos AS decided_{number} FROM {join}", "decided_")
-        if self.lateness is not None:
-            return found
-        where = " AND ".join([*same, f"m.{last} < d.pos", late])
-        first = f"(SELECT min(d.pos) FROM {times} AS d WHERE {where}) AS decided_{number}"
-        ahead = f"SELECT * FROM {found} WHERE decided_{number} > {last}"
-        behind = f"SELECT m.* REPLACE ({first}) FROM {found} AS m WHERE decided_{number} <= {last}"
-        both = f"SELECT * FROM ({ahead} UNION ALL {behind}) AS either WHERE decided_{number} IS NOT NULL"
-        return self._table(both, "decided_")
+        absent = self._absent(clause, conjuncts(clause.guard), {*keys}, timed=clause.duration is not None)
+        times = self._times() if clause.side is Side.AFTER else ""
+        return NearestAbsence(self._queries, clause, number, absent, keys, times, self.lateness).unbroken(matches)
 
     def _apart(self, later: str, sign: str, earlier: str, length: int) -> str:
         """Return the comparison of the difference of two times with a duration."""
@@ -859,17 +747,6 @@ class SqlQuery:
             for number, (name, value) in enumerate(items)
         ]
         return f"{' || '.join(fields)} || '}}'" if fields else "'{}'"
-
-
-def _over(keys: Sequence[str], order: str = "pos", frame: str = "") -> str:
-    """Return the window of the rows with equal keys."""
-    partition = f"PARTITION BY {', '.join(keys)} " if keys else ""
-    return f"({partition}ORDER BY {order}{' ' * bool(frame)}{frame})"
-
-
-def _selected(table: str, number: str, condition: str) -> str:
-    """Return the query for the rows of a table whose number, by a window function, meets a condition."""
-    return f"SELECT * FROM (SELECT *, {number} AS found FROM {table}) AS numbered WHERE found {condition}"
 
 
 def _of_last(query: str, last: Mapping[str, str]) -> str:

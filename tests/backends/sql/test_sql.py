@@ -72,7 +72,8 @@ COUNTED = {
     "different values before another": 'top sand g b; g and f within 4 s; f on x("a", U, V) times 3 distinct V; '
     'b on e("b", U);',
     "two counts": 'top sand f g within 9 s; f on x("a", _, V) times 3 distinct V; g on x("b", U, W) times 3 each W;',
-    "inner windows": 'top and g b within 5 s; g and f within 2 s; f on x("a", U, V) times 3 distinct V; b on e("b", U);',
+    "inner windows": 'top and g b within 5 s; g and f within 2 s; f on x("a", U, V) times 3 distinct V; '
+    'b on e("b", U);',
     "different values and absences": 'top and f within 3 s; f on x("a", U, V) times 3 distinct V without e("b", U) '
     'without e("c", _) for 1 s after;',
     "each value": 'top and f within 3 s; f on x("a", U, V) when V > 0 times 3 each V;',
@@ -80,7 +81,11 @@ COUNTED = {
     "values of another node": 'top sand b f; f on x("a", U, V) when V > K times 3 each V; b on e("b", K);',
     "each and distinct": 'top and f within 4 s; f on x("a", U, V) when V < 3 times 3 distinct U each V;',
 }
-JOINED = ("absence of its own events", "events of another node", "another condition on times", "an absence before") + (
+JOINED = (
+    "absence of its own events",
+    "events of another node",
+    "another condition on times",
+    "an absence before",
     "values of another node",
 )
 
@@ -100,7 +105,7 @@ def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
         now, trace, letters = 0, list[Any](), random.choice(("aaaabc", "aaabbb"))
         for _ in range(random.randrange(4, 15)):
             now += random.choice((0, 0, 1, 1, 2, random.choice((-1, 1))))
-            event = {"event": random.choice(letters), "u": random.choice((0, 1, 1, 1.0, 2))}
+            event: dict[str, Any] = {"event": random.choice(letters), "u": random.choice((0, 1, 1, 1.0, 2))}
             if random.random() < 0.95:
                 event["v"] = random.choice((0, 1, 1.0, 2, 3, "x", None))
             trace.append(event if random.random() < 0.06 else {**event, "t": now})
@@ -131,8 +136,12 @@ NEAREST = {
 @pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
 @pytest.mark.parametrize("late", ["late 0 s", "late 1 s", ""])
 @pytest.mark.parametrize("name", NEAREST)
-def test_the_nearest_absent_event(name: str, late: str, count: int = 150) -> None:
+def test_the_nearest_absent_event(name: str, late: str) -> None:
     """By joins with the nearest row, in logs whose times go back, stand still and are absent."""
+    compare_nearest(name, late, 150)
+
+
+def compare_nearest(name: str, late: str, count: int) -> None:
     tree = loads(f"event e(n, u) = {{ event: n, u: u }}; time t as s {late}; toplevel top; {NEAREST[name]}")
     specification = SqlDuckdbBackend().translate(tree, Semantics.SCATTERED)
     assert "ASOF LEFT JOIN" in specification.text
@@ -183,7 +192,7 @@ def test_a_wrong_absence_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -
 
     monkeypatch.setattr(SqlDuckdbBackend, "write", faulty)
     with pytest.raises(AssertionError):
-        test_the_nearest_absent_event(name, late, 600)
+        compare_nearest(name, late, 600)
 
 
 def tree_with(text: str) -> tuple[RVAFT, list[Any]]:

@@ -84,7 +84,7 @@ def trace_of(random: Random, tree: RVAFT) -> list[Any]:
     return trace
 
 
-@pytest.mark.parametrize("count", [30, pytest.param(200, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.ci)])
 @pytest.mark.parametrize("name", LANGUAGES)
 def test_counted_leaves_of_random_trees(name: str, count: int) -> None:
     random, seen = Random(f"counts {name}"), Counter[str]()

@@ -53,6 +53,8 @@ from rvaft.model.patterns import (
 from rvaft.model.verdict import Semantics
 
 _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|[\w.]+|->>|[<>]=?|<>|\|\||\S")
+_NUMBERED: Final = re.compile(r"(first|last)_(pos|time)_\d+|(decided|key)_[\d_]+")
+"""Names of columns of the query, by clause."""
 _LENGTH: Final = 400
 """Characters of text per joined event of the limit."""
 _PAIRED: Final = 4
@@ -183,7 +185,10 @@ class SqlQuery:
         """The names of the columns of variables in a query on typed columns."""
         shown = [name.strip("_") if name.startswith("_") else name for name in self._bound]
         small = Counter([*map(str.lower, shown), *OWN])
-        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(shown, 1)]
+        return [
+            name if small[name.lower()] == 1 and not _NUMBERED.fullmatch(name.lower()) else f"v{number}"
+            for number, name in enumerate(shown, 1)
+        ]
 
     def _named(self, text: str) -> str:
         """Return the text with the names of variables for their columns."""

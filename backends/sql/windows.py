@@ -179,8 +179,8 @@ class NearestAbsence:
     def _decided(self, matches: str) -> str:
         """Return the table of the matches whose clause `after` is decided, with the position that decides it.
 
-        It is the first event with the highest time so far, if that is late enough. Only a match that
-        comes after such an event, since times went back, is compared with each event.
+        It is the first event with the highest time so far, if that is late enough. A match that comes
+        after such an event, since times went back, is looked up in a tree of the times.
         """
         decided, last = f"decided_{self.number}", f"last_pos_{self.number}"
         before = over(self.queries.trace, "pos", "ROWS BETWEEN UNBOUNDED PRECEDING AND 1 PRECEDING")
@@ -192,8 +192,42 @@ class NearestAbsence:
         found = self.queries.named(f"SELECT m.*, d.pos AS {decided} FROM {join}", "decided_")
         if self.lateness is not None:
             return found
-        each = f"(SELECT min(d.pos) FROM {self.times} AS d WHERE {late} AND m.{last} < d.pos) AS {decided}"
         ahead = f"SELECT * FROM {found} WHERE {decided} > {last}"
-        behind = f"SELECT m.* REPLACE ({each}) FROM {found} AS m WHERE {decided} <= {last}"
-        both = f"SELECT * FROM ({ahead} UNION ALL {behind}) AS either WHERE {decided} IS NOT NULL"
-        return self.queries.named(both, "decided_")
+        return self.queries.named(f"{ahead} UNION ALL {self._looked_up(found, decided, last, wait)}", "decided_")
+
+    def _looked_up(self, found: str, decided: str, last: str, wait: str) -> str:
+        """Return the query for matches that come after the event in `found`, with the position that decides them.
+
+        The nodes of a binary tree have the highest of 2^level times. Each search goes up and to the
+        right to the first node with a time that is high enough, and then down to the leftmost one.
+        """
+        named, trace = self.queries.named, "".join(f"{name}, " for name in self.queries.trace)
+        own = [f"{{0}}.{name} = {{1}}.{name}" for name in self.queries.trace]
+
+        def on(left: str, right: str, *conditions: str) -> str:
+            return " AND ".join([*(one.format(left, right) for one in own), *conditions])
+
+        number = f"row_number() OVER {over(self.queries.trace)} - 1 AS place"
+        numbered = named(f"SELECT *, {number} FROM {self.times}", "numbered_")
+        same = on("m", "d", f"m.{last} = d.pos")
+        bound = f"m.last_time_{self.number} + {wait} AS bound"
+        behind = f"SELECT m.*, d.place, {bound} FROM {found} AS m JOIN {numbered} AS d ON {same}"
+        behind = named(f"{behind} WHERE m.{decided} <= m.{last}", "behind_")
+        leaves = f"SELECT {trace}CAST(0 AS BIGINT) AS level, place AS node, time AS top FROM {numbered}"
+        inner = f"SELECT {trace}level + 1, node // 2, max(top) FROM tree WHERE level < 40 GROUP BY ALL"
+        leaves += f" WHERE EXISTS (SELECT 1 FROM {behind})"
+        tree = named(f"WITH RECURSIVE tree AS ({leaves} UNION ALL {inner}) SELECT * FROM tree", "tree_")
+        start = f"SELECT DISTINCT {trace}place, bound, CAST(0 AS BIGINT) AS level, place + 1 AS node FROM {behind}"
+        level = "CASE WHEN t.top > s.bound THEN s.level - 1 ELSE s.level + s.node % 2 END"
+        down = "WHEN t.top > s.bound THEN CASE WHEN s.level > 0 THEN 2 * s.node ELSE s.node END"
+        node = f"CASE {down} WHEN s.node % 2 = 1 THEN (s.node + 1) // 2 ELSE s.node + 1 END"
+        columns = ", ".join([*(f"s.{name}" for name in self.queries.trace), "s.place", "s.bound", level, node])
+        step = f"SELECT {columns} FROM search AS s JOIN {tree} AS t ON "
+        step += on("s", "t", "s.level = t.level", "s.node = t.node")
+        ended = "SELECT * FROM search WHERE level = -1"
+        search = named(f"WITH RECURSIVE search AS ({start} UNION ALL {step}) {ended}", "search_")
+        there = on("m", "s", "m.place = s.place", "m.bound = s.bound")
+        return (
+            f"SELECT m.* EXCLUDE (place, bound) REPLACE (d.pos AS {decided}) FROM {behind} AS m "
+            f"JOIN {search} AS s ON {there} JOIN {numbered} AS d ON {on('s', 'd', 's.node = d.place')}"
+        )

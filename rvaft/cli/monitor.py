@@ -260,10 +260,10 @@ def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEng
         options.refuse(wrong, "--clock needs events that arrive: --follow, or a URL; a finished log takes --complete")
         options.refuse(given["order_by"], "--clock gives the present time, but --order-by holds events back")
     for option in ("clock", "complete", "repeat_by"):
-        wrong = given[option] and (given["backend"] is not None or given["native"] or engine is not None)
-        options.refuse(
-            wrong, f"--{option.replace('_', '-')} is for monitors of the engine: omit --backend, --native or --engine"
-        )
+        whole = engine is not None and option != "repeat_by"
+        wrong = given[option] and (given["backend"] is not None or given["native"] or whole)
+        omit = "--backend or --native" if option == "repeat_by" else "--backend, --native or --engine"
+        options.refuse(wrong, f"--{option.replace('_', '-')} is for monitors of the engine: omit {omit}")
     if given["follow"] or traces.live:
         output.unblock()
 

@@ -20,7 +20,7 @@ from typing import Final, NamedTuple, TypeAlias, TypeVar
 
 from backends.tables import Path
 from rvaft.core.branches import branches, number_of
-from rvaft.core.patterns import compatible
+from rvaft.core.overlaps import compatible
 from rvaft.core.property import Event, One, Property, Without
 from rvaft.core.scenarios import Kept, scenarios
 from rvaft.core.times import untimed

@@ -38,11 +38,11 @@ from cross_check.participants import (
     reports_detections_only,
     translated,
 )
-from cross_check.plain import plainer
 from cross_check.product import Exploration
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, NOTHING, Difference, Job, Result, Status, raised, reason
+from cross_check.simpler_traces import plainer
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.backend import Match
 from rvaft.core.branches import restrict

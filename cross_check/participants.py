@@ -17,8 +17,8 @@ from cross_check.results import Status
 from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
 from rvaft.core.branches import restrict
 from rvaft.core.build import build
+from rvaft.core.feasibility import most_scenarios
 from rvaft.core.passes import property_of
-from rvaft.core.scenario_space import most_scenarios
 from rvaft.core.scenarios import LIMIT
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing

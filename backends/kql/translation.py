@@ -28,7 +28,7 @@ from typing import Final, NamedTuple, assert_never
 from backends.joins import COUNTED, JoinedScenario, joined_scenarios, variable_paths
 from backends.tables import Path, Table, TableHeader, column_types, time_line
 from rvaft.backend import Metrics
-from rvaft.core.patterns import compatible
+from rvaft.core.overlaps import compatible
 from rvaft.core.property import AtLeast, Event, Property, Without, chooses
 from rvaft.core.times import Extreme, differences, untimed
 from rvaft.errors import NotExpressible, TooLarge, TreeError, unwritten

@@ -33,7 +33,7 @@ from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
 from backends.sql.windows import CountedLeaf, NearestAbsence, Queries
 from backends.tables import Table, time_line
 from rvaft.backend import Metrics
-from rvaft.core.patterns import compatible
+from rvaft.core.overlaps import compatible
 from rvaft.core.property import Event, Property, Without
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError

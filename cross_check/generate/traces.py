@@ -22,9 +22,7 @@ from cross_check.generate.values import (
 )
 from cross_check.letters import answers
 from rvaft.backend import Observed
-from rvaft.core.passes import property_of
-from rvaft.core.property import AtLeast, Condition, EndInOrder, Event, One, Part, Property, Times, Without, fewest
-from rvaft.core.scenario_space import (
+from rvaft.core.feasibility import (
     Edge,
     Fewest,
     Point,
@@ -36,6 +34,8 @@ from rvaft.core.scenario_space import (
     point_of,
     precedence,
 )
+from rvaft.core.passes import property_of
+from rvaft.core.property import AtLeast, Condition, EndInOrder, Event, One, Part, Property, Times, Without, fewest
 from rvaft.core.scenarios import Kept, is_constant
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge

@@ -5,7 +5,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import Final, NamedTuple
 
-from rvaft.core.scenario_space import ScenarioSpace
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.errors import RvaftError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 
-from rvaft.core.scenario_space import ScenarioSpace
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.language.draft import UNMENTIONED, Draft, DraftNode, DraftTopic, GateUse, Located
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points

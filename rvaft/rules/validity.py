@@ -6,7 +6,7 @@ from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 from rvaft.core.branches import alternatives, restrict
-from rvaft.core.scenario_space import ScenarioSpace
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.errors import TreeError, one_of
 from rvaft.language.draft import Draft
 from rvaft.model.nodes import Kind

@@ -108,7 +108,8 @@ class FrontierTable(Stages):
         for place, stage in enumerate(frontier.stages):
             for number, move, _ in self.moves(stage, event_class):
                 letter = event_class.serving[number]
-                certain = None if move.joint or letter.reader.ways else self.outcome(move, 0, ())
+                open_ = move.joint or move.registers or letter.reader.ways
+                certain = None if open_ else self.outcome(move, 0, ())
                 steps.append(FrontierStep(place, letter, move, certain and certain[0]))
         after = None
         if not any(step.target is None or step.move.compared for step in steps):

@@ -44,7 +44,8 @@ class SharedNodes:
     def classify(self, configuration: Configuration) -> tuple[bool, bool]:
         """Return whether the occurrences are a whole scenario, else a proper part of one."""
         mask = self._mask
-        own = configuration.taken & mask, configuration.dead & mask, configuration.closed & mask
+        decided = configuration.closed & mask, configuration.held & mask
+        own = configuration.taken & mask, configuration.dead & mask, *decided
         parts = tuple([self.progress.flags(configuration, part) for part in self.compiled.parts])
         finished = configuration.ended >> self.compiled.root & 1 > 0
         key = (*own, parts, configuration.inversions, configuration.broken, finished)
@@ -322,7 +323,8 @@ class SharedNodes:
         for node in reversed(compiled.core):
             fit = not configuration.dead >> node & 1
             if complete:
-                fit = fit and configuration.closed >> node & (taken >> node | (not compiled.own[node])) & 1 > 0
+                sure = configuration.closed | configuration.held
+                fit = fit and sure >> node & (taken >> node | (not compiled.own[node])) & 1 > 0
             if fit and sum(able >> child & 1 for child in compiled.children[node]) >= compiled.need[node]:
                 able |= 1 << node
         return able

@@ -50,7 +50,8 @@ class Matching:
         self.early_differences: dict[int, tuple[TimeDifference, ...]] = {}
         """For nodes with guards over times, the time differences that can fail early."""
         for node, parts in enumerate(compiled.conjuncts if early else ()):
-            if found := tuple(one for part in parts for one in part.differences or ()):
+            found = tuple(one for part in parts for one in part.differences or ())
+            if found and node not in compiled.pointed:
                 self.early_differences[node] = found
         self.windows = frozenset(
             node for node in self.early_differences if all(part.differences for part in compiled.conjuncts[node])

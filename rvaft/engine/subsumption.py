@@ -302,9 +302,10 @@ def _is_to_grow(matching: Matching, configuration: Configuration, difference: Ti
 
 
 def _registers(compiled: CompiledTree, binding: Mapping[str, Json]) -> Iterator[Register]:
+    """Yield the registers that are remembered as a whole."""
     for name in binding:
         register = compiled.register_of.get(name)
-        if register is not None and name == register.least:
+        if register is not None and name == register.least and register.greatest in binding:  # as a window has
             yield register
 
 

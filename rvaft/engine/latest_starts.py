@@ -33,6 +33,7 @@ from rvaft.engine.explanation import (
     kept_nodes,
     pending,
 )
+from rvaft.engine.pointed_run import FORGOTTEN, PointedRun
 from rvaft.engine.strategy import BatchEvent, Noted, Strategy
 from rvaft.engine.unit_run import (
     EVENTS,
@@ -108,7 +109,7 @@ class LatestStarts(Strategy):
         self.prop = prop
         self.limit = limit
         late = None if prop.time is None else prop.time.late
-        self.runs = tuple([UnorderedRun(unit) if unit.timed and late != 0 else OrderedRun(unit) for unit in found])
+        self.runs = tuple([self._run(unit, ordered=late == 0) for unit in found])
         self._added, self._most_added = 0, limit
         """The number of events taken since the last count of matches, and before the next."""
         self._leaves = [(number, leaf) for number, run in enumerate(self.runs) for leaf in run.unit.leaves]
@@ -125,6 +126,11 @@ class LatestStarts(Strategy):
         self._sweep_at = [SWEEP] * len(self.runs)
         self._detected: list[Detected] = []
         self.noted = True
+
+    def _run(self, unit: Unit, *, ordered: bool) -> UnitRun:
+        if unit.bounds:
+            return PointedRun(unit, ordered=ordered, limit=self.limit, remedy=self.prop.remedy)
+        return UnorderedRun(unit) if unit.timed and not ordered else OrderedRun(unit)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
         """Return the event with its class if it may serve a leaf."""
@@ -406,7 +412,9 @@ class _InstanceSearch(MatchSearch):
             run = self._strategy.runs[number]
             without = _without(run.unit, choices or {})
             if without is not None:
-                own = run.again(state[EVENTS] or (), without)[0] if without else state
+                events = state[EVENTS] or ()
+                known = not (events and events[0][2] == FORGOTTEN)
+                own = run.again(events, without)[0] if without and known else state
                 names = {
                     *run.awaits(own, without, self._strategy.watermark, begun=name is not None and bool(run.unit.key))
                 }
@@ -416,6 +424,8 @@ class _InstanceSearch(MatchSearch):
         """Return False if no match can keep this child of a choice."""
         first = self.prop.tree.nodes[gate].children[0] == child
         for number, _, _, _ in self._strategy.detected:
+            if (number, FORGOTTEN) in self._came:
+                return True
             unit = self._strategy.runs[number].unit
             below = unit.choices.get(gate, {}).get(child)
             if unit.chosen.get(gate, child if first else None) == child and (below is None or first):

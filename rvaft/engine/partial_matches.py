@@ -234,12 +234,12 @@ class Matching:
             found += [one.node] if known and begun else []
         return found
 
-    def point_tests(self, configuration: Configuration, node: int) -> dict[PointTest, Predicate]:
+    def point_tests(self, configuration: Configuration, node: int) -> dict[JointKey, Predicate]:
         """Return the tests of guards over time points that a node's event needs.
 
         They are over the remembered values, those of the event, and its time (`NOW`).
         """
-        compiled, found = self.compiled, dict[PointTest, Predicate]()
+        compiled, found = self.compiled, dict[JointKey, Predicate]()
         guards = self.pointed(configuration, node) if compiled.pointed else ()
         after = self.taken(configuration, node) if guards and self.early else None
         for guard in guards:

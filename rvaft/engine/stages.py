@@ -318,7 +318,7 @@ class Stages:
                         joint[guard] = self.matching.early_test(guard, bound)
                 windows = self.matching.windows_over(stage.sample, node)
                 joint.update((key, window.holds) for key, window in windows.items())
-                joint.update({**self.matching.point_tests(stage.sample, node)})
+                joint.update(self.matching.point_tests(stage.sample, node))
                 compared, registers = tuple(name for name in names if name in remembered), compiled.registers[node]
                 found = StageMove(stage, node, compared, alone, joint, windows, registers)
             stage.moves[node] = found

@@ -29,7 +29,11 @@ def pointed_tree(random: Random, shape: str, *, gates: int = 5, late: str | None
     """A tree with one or two guards over time points."""
     facts = SHAPES[shape]
     letters, names_of = iter(facts["letters"]), facts.get("names", ("_",))
-    names, agenda, children = iter(f"n{number}" for number in range(100)), list[tuple[str, int]](), dict[str, list[str]]()
+    names, agenda, children = (
+        iter(f"n{number}" for number in range(100)),
+        list[tuple[str, int]](),
+        dict[str, list[str]](),
+    )
     agenda.append((next(names), 0))
     texts, left, own = dict[str, str](), gates, dict[str, str]()
     while agenda:

@@ -16,6 +16,7 @@ children, because these may move the point.
 """
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
+from heapq import nlargest
 from operator import ge
 from typing import Any, Final, TypeAlias
 
@@ -245,11 +246,20 @@ class PointedRun(UnitRun):
 
     def _chosen(self, matches: list[Match], fronts: Sequence[Front], need: int, gate: int, node: int) -> list[Match]:
         """Join matches of a node with matches of `need` siblings, below a time point perhaps of more."""
-        merits = self._stored[node]
-        more = self._moving[gate]
+        merits, more = self._stored[node], self._moving[gate]
+        if len(fronts) > need and len(merits(matches[0])) < 2:  # each front has its best match
+            best = nlargest(max(need, more), [front[0] for front in fronts], key=merits)
+            found = [whole for one in matches if (whole := self._whole(one, best[:need], gate)) is not None]
+            if need < len(best):
+                found += [whole for one in matches if (whole := self._whole(one, best, gate)) is not None]
+            return self._best(found, merits)
         if len(fronts) == need:
+            single = [front[0] for front in fronts if len(front) == 1]
+            matches = [whole for one in matches if (whole := self._whole(one, single, gate)) is not None]
             for front in fronts:
-                matches = self._best(self._joined([(other, one) for one in matches for other in front], gate), merits)
+                if len(front) > 1:
+                    pairs = [(other, one) for one in matches for other in front]
+                    matches = self._best(self._joined(pairs, gate), merits)
             return matches
         chosen: list[list[Match]] = [matches, *([] for _ in range(need))]
         for front in fronts:
@@ -260,6 +270,20 @@ class PointedRun(UnitRun):
                 pairs = [(other, one) for one in from_ for other in front]
                 chosen[number] = self._best([*chosen[number], *self._joined(pairs, gate)], merits)
         return chosen[need]
+
+    def _whole(self, match: Match, others: Sequence[Match], gate: int) -> Match | None:
+        """Return the joint match of one and others, or None if they do not fit into the windows above."""
+        if not others:
+            return match
+        limit, all_ = self.unit.limits[gate], (match, *others)
+        least = most = None
+        if self._timed[gate]:
+            least, most = min([one[1] for one in all_]), max([one[3] for one in all_])
+            if limit is not None and most - least > limit:
+                return None
+        first = min(all_, key=_first)
+        values = tuple(sorted([pair for one in all_ for pair in one[4]]))
+        return first[0], least, tuple([one[2] for one in all_]), most, values, first[5]
 
     def _joined(self, pairs: Sequence[tuple[Match, Match]], gate: int) -> list[Match]:
         """Return the joint matches of pairs within the windows above."""
@@ -331,6 +355,10 @@ class PointedRun(UnitRun):
             return known[id(front)]
 
         return tuple(of(one) for one in state[HEAD : HEAD + len(self.unit.places)])
+
+
+def _first(match: Match) -> Any:
+    return match[0]
 
 
 def _merits(one: tuple[tuple[Any, ...], Match]) -> tuple[Any, ...]:

@@ -422,7 +422,7 @@ class ScatteredMatches(Following):
     ) -> Configuration | None:
         """Return a match of a component that extends a partial match by matches of these parts."""
         if not parts:
-            holds = not component.nodes & (configuration.dead | ~configuration.closed)
+            holds = not component.nodes & (configuration.dead | ~(configuration.closed | configuration.held))
             return configuration if holds else None
         ways = [(part, [*self._agreeing(part, configuration.binding)]) for part in parts]
         part, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))

@@ -56,6 +56,7 @@ from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending, twin
+from rvaft.support.budget import Effort
 
 INSTANCES: Final = 20
 """The number of instances for each partial match that the limit allows."""
@@ -108,6 +109,7 @@ class LatestStarts(Strategy):
     def __init__(self, prop: Property, found: Sequence[Unit], *, limit: int) -> None:
         self.prop = prop
         self.limit = limit
+        self._effort = Effort(limit)
         late = None if prop.time is None else prop.time.late
         self.runs = tuple([self._run(unit, ordered=late == 0) for unit in found])
         self._added, self._most_added = 0, limit
@@ -129,8 +131,8 @@ class LatestStarts(Strategy):
 
     def _run(self, unit: Unit, *, ordered: bool) -> UnitRun:
         if unit.bounds:
-            return PointedRun(unit, ordered=ordered, limit=self.limit, remedy=self.prop.remedy)
-        return UnorderedRun(unit) if unit.timed and not ordered else OrderedRun(unit)
+            return PointedRun(unit, self._effort, ordered=ordered, remedy=self.prop.remedy)
+        return UnorderedRun(unit, self._effort) if unit.timed and not ordered else OrderedRun(unit)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
         """Return the event with its class if it may serve a leaf."""
@@ -195,6 +197,7 @@ class LatestStarts(Strategy):
 
     def _take(self, event: Mapping[str, Json], event_class: EventClass, time: int | None, position: int) -> Verdict:
         found: list[Detected] | None = None
+        self._effort.begin()
         for unit, leaf, timed, begins, take, field, named, admission, plain in self._served.get(
             event_class
         ) or self._serving(event_class):
@@ -362,6 +365,11 @@ class LatestStarts(Strategy):
         return self._detected
 
     @property
+    def effort(self) -> Effort:
+        """The work of the present step."""
+        return self._effort
+
+    @property
     def watermark(self) -> int | None:
         """The minimum time of later events, if known."""
         return self._watermark
@@ -372,11 +380,13 @@ class _InstanceSearch(MatchSearch):
 
     def __init__(self, strategy: LatestStarts) -> None:
         self.prop = strategy.prop
+        self._effort = strategy.effort
         self._strategy = strategy
         self._came = {(unit, event[2]) for unit, _, state, _ in strategy.detected for event in state[EVENTS] or ()}
 
     def find(self, choices: Choices) -> FoundMatch | None:
         """Return a match with these choices, or None."""
+        self._effort.begin()
         for number, name, state, match in self._strategy.detected:
             run = self._strategy.runs[number]
             without = _without(run.unit, choices)
@@ -409,6 +419,7 @@ class _InstanceSearch(MatchSearch):
     def waiting(self, choices: Choices | None) -> Iterator[Waiting]:
         """Iterate over the awaited nodes under these choices, by the values of the key."""
         for number, name, state in self._strategy.living:
+            self._effort.begin()
             run = self._strategy.runs[number]
             without = _without(run.unit, choices or {})
             if without is not None:

@@ -15,9 +15,12 @@ from rvaft.model.patterns import Binding
 from rvaft.model.values import Json, equal
 from rvaft.monitors import AwaitedAbsence
 from rvaft.support.bits import bits, mask_of
+from rvaft.support.budget import Effort
 
 REMEMBERED: Final = 10_000
 """Maximum number of partial matches that a replay remembers."""
+NEW: Final = 4
+"""The visits that a new partial match stands for."""
 LATER: Final = "later"
 """The variable of the time of an event that has yet to come."""
 WindowKey: TypeAlias = int | tuple[int, int, int]
@@ -36,7 +39,7 @@ JointKey: TypeAlias = WindowKey | PointTest
 
 
 class Matching:
-    """The partial matches of a tree; `limit` bounds one search through shared nodes.
+    """The partial matches of a tree; `limit` bounds one search through shared nodes, and those of one step.
 
     With `early`, which requires a semantics without ⊥, guards over times fail as soon as they
     cannot hold any more.
@@ -46,7 +49,9 @@ class Matching:
         self.compiled = compiled
         self.early = early
         self.progress = PartProgress(compiled)
-        self.shared = SharedNodes(compiled, self.progress, limit=limit, early=early)
+        self.effort = Effort(limit)
+        """The work of the present step."""
+        self.shared = SharedNodes(compiled, self.progress, self.effort, limit=limit, early=early)
         self.early_differences: dict[int, tuple[TimeDifference, ...]] = {}
         """For nodes with guards over times, the time differences that can fail early."""
         for node, parts in enumerate(compiled.conjuncts if early else ()):
@@ -73,6 +78,7 @@ class Matching:
             failing = configuration.failing
             for guard in self.compiled.pointed_from.get(-1, ()) if failing else ():
                 if failing >> guard & 1:
+                    self.effort.spend(len(self.compiled.names), "ways in which guards over time points can hold")
                     ways = [self.standing(way) for way in self.progress.repaired(configuration, guard)]
                     is_match = any(one for one, _ in ways)
                     return is_match, not is_match and any(other for _, other in ways)

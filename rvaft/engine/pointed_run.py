@@ -23,6 +23,7 @@ from typing import Any, Final, TypeAlias
 from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, Match, Remembered, State, Take, UnitRun
 from rvaft.engine.units import Op, Unit, UnitLeaf
 from rvaft.errors import TooLarge
+from rvaft.support.budget import Effort
 
 Front: TypeAlias = tuple[Match, ...]
 Merits: TypeAlias = Callable[[Match], tuple[Any, ...]]
@@ -36,9 +37,9 @@ FORGOTTEN: Final = -1
 class PointedRun(UnitRun):
     """The steps where times never decrease (`ordered`), or may decrease."""
 
-    def __init__(self, unit: Unit, *, ordered: bool, limit: int, remedy: str) -> None:
+    def __init__(self, unit: Unit, effort: Effort, *, ordered: bool, remedy: str) -> None:
         super().__init__(unit)
-        self._ordered, self._limit, self._remedy = ordered, limit, remedy
+        self._effort, self._ordered, self._remedy = effort, ordered, remedy
         size = len(unit.places)
         self._own: list[list[int]] = [[] for _ in range(size)]
         """The time points of each node."""
@@ -287,7 +288,7 @@ class PointedRun(UnitRun):
 
     def _joined(self, pairs: Sequence[tuple[Match, Match]], gate: int) -> list[Match]:
         """Return the joint matches of pairs within the windows above."""
-        self._check(len(pairs), gate)
+        self._effort.spend(len(pairs), "ways to join matches")
         limit, timed, found = self.unit.limits[gate], self._timed[gate], list[Match]()
         for one, other in pairs:
             least = most = None
@@ -330,11 +331,6 @@ class PointedRun(UnitRun):
         state[HEAD + node] = (*kept, match)
         return True
 
-    def _check(self, count: int, gate: int) -> None:
-        if count > self._limit:
-            what = f"ways to join the matches of {self.unit.names[gate] or 'the tree'} with one event"
-            raise TooLarge(what, limit=self._limit, remedy=self._remedy)
-
     def alive(self, found: Front, least: int) -> bool:
         """Whether a match starts at this time or later."""
         return any(match[1] is None or match[1] >= least for match in found)
@@ -344,17 +340,26 @@ class PointedRun(UnitRun):
         return sum(len(one) for one in state[HEAD : HEAD + len(self.unit.places)] if one is not None)
 
     def future(self, state: State) -> Hashable:
-        """Return the times and positions of the matches."""
+        """Return the times of the matches, and the order of their first positions."""
+        fronts: list[Front | None] = state[HEAD : HEAD + len(self.unit.places)]
+        found, agenda = dict[int, Front](), [front for front in fronts if front]
+        while agenda:
+            front = agenda.pop()
+            if id(front) not in found:
+                found[id(front)] = front
+                agenda += [one[5] for one in front if one[5]]
+        positions = sorted({one[0] for front in found.values() for one in front})
+        rank = {position: number for number, position in enumerate(positions)}
         known: dict[int, Hashable] = {}
 
         def of(front: Front | None) -> Hashable:
             if not front:
                 return ()
             if id(front) not in known:
-                known[id(front)] = tuple((one[0], one[1], one[3], one[4], of(one[5])) for one in front)
+                known[id(front)] = tuple((rank[one[0]], one[1], one[3], one[4], of(one[5])) for one in front)
             return known[id(front)]
 
-        return tuple(of(one) for one in state[HEAD : HEAD + len(self.unit.places)])
+        return tuple(map(of, fronts))
 
 
 def _first(match: Match) -> Any:

@@ -21,7 +21,7 @@ SHAPES: Final[dict[str, dict[str, Any]]] = {
     "windows": {"letters": "abcd", "windows": 0.3},
     "counts": {"letters": "abcdef", "times": 0.3},
     "absences": {"letters": "abcd", "without": 0.2},
-    "shared": {"letters": "abcd", "shared": 0.4},
+    "shared": {"letters": "abcd", "shared": 0.4, "gates": ("or", "vot", "and", "and", "sand", "sand")},
 }
 
 
@@ -44,7 +44,9 @@ def pointed_tree(random: Random, shape: str, *, gates: int = 5, late: str | None
             size = random.randint(2, 3)
             children[name] = [next(names) for _ in range(size)]
             agenda += [(child, depth + 1) for child in children[name]]
-            gate = random.choice(GATES if depth else ("and", "sand", "sand", "pand", "sand_rl", "or"))
+            gate = random.choice(
+                facts.get("gates", GATES if depth else ("and", "sand", "sand", "pand", "sand_rl", "or"))
+            )
             gate = f"{random.randint(1, size - 1)}of{size}" if gate == "vot" else gate
             others = [one for one in texts if one != "n0" and one not in children[name] and not children[one]]
             if others and random.random() < facts.get("shared", 0):

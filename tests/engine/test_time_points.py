@@ -2,7 +2,6 @@
 
 import pickle
 from collections.abc import Callable
-from functools import partial
 from itertools import islice
 from random import Random
 from typing import Any, Final
@@ -10,7 +9,7 @@ from typing import Any, Final
 import pytest
 
 import rvaft
-from rvaft.engine import Engine, partial_matches, pointed_run, subsumption
+from rvaft.engine import Engine, pointed_run, subsumption
 from rvaft.engine.compiled_tree import Register
 from rvaft.engine.latest_starts import LatestStarts
 from rvaft.engine.partial_matches import Matching
@@ -60,7 +59,7 @@ def wrong_term(sign: int, extreme: Any) -> subsumption.Term:
 
 
 TERM: Final = subsumption.Term
-MERITS: Final = PointedRun._merits_of  # noqa: SLF001
+MERITS: Final = PointedRun._merits_of
 
 
 def wrong_merits(run: PointedRun, node: int, *, first: bool) -> Callable[[Any], tuple[Any, ...]]:
@@ -104,16 +103,15 @@ FAULTS: Final[dict[str, tuple[object, str, object, str, Semantics]]] = {
 }
 """By fault: the place, the name and the replacement of a function, and where it shows."""
 POINTED: Final = Matching.pointed
-PATH: Final = PointedRun._path  # noqa: SLF001
+PATH: Final = PointedRun._path
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_planted_fault_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     place, name, replacement, shape, semantics = FAULTS[fault]
     monkeypatch.setattr(place, name, replacement)
-    with pytest.raises(Exception):  # noqa: B017, PT011 (a wrong verdict, or a broken assumption)
-        for seed in range(100):
-            campaign(shape, semantics, seed, 20)
+    with pytest.raises((AssertionError, KeyError)):
+        campaign(shape, semantics, "faults", 2_000)
 
 
 def tree_of(choices: int, guard: str, late: str = " late 0 s") -> rvaft.RVAFT:
@@ -125,33 +123,31 @@ def tree_of(choices: int, guard: str, late: str = " late 0 s") -> rvaft.RVAFT:
 @pytest.mark.parametrize("semantics", Semantics)
 @pytest.mark.parametrize("late", [" late 0 s", ""])
 def test_a_guard_over_many_choices(semantics: Semantics, late: str) -> None:
-    """The times of the last events of 40 choices; the lowest of 2^40 branches."""
-    word = [f"{'pq'[number % 2]}o{number}" for number in range(40)]
+    """The times of the last events of 30 choices; the lowest of 2^30 branches."""
+    word = [f"{'pq'[number % 2]}o{number}" for number in range(30)]
     for gap, verdict in ((10, Verdict.TRUE), (11, Verdict.FALSE if semantics.ends else Verdict.UNKNOWN)):
-        engine = Engine(tree_of(40, "start(b) - end(a) <= 10 s", late), semantics)
+        engine = Engine(tree_of(30, "start(b) - end(a) <= 10 s", late), semantics)
         for time, name in enumerate(word):
             assert engine.step({"event": name, "t": time}) is Verdict.UNKNOWN
-        assert engine.step({"event": "b", "t": 39 + gap}) is verdict
+        assert engine.step({"event": "b", "t": 29 + gap}) is verdict
         if verdict is Verdict.TRUE:
             assert engine.explanation is not None
-            assert engine.explanation.branch == 1 + sum(1 << number for number in range(1, 40, 2))
+            assert engine.explanation.branch == 1 + sum(1 << number for number in range(1, 30, 2))
 
 
 @pytest.mark.parametrize("guard", ["start(b) - end(a) <= 10 s", "start(b) - end(a) >= 10 s", "end(a) - start(a) > 9 s"])
 def test_what_many_choices_remember(guard: str) -> None:
     """One match for each choice, whatever the length of the log; what the last events say is computed by hand."""
     engine, random = Engine(tree_of(10, guard), "scattered"), Random(guard)
-    came: dict[str, list[int]] = {}
+    came: dict[str, list[int]] = {"o0": [0]}
+    engine.step({"event": "po0", "t": 0})
     detections = 0
-    for time in range(0, 60_000, 3):
+    for time in range(3, 9_000, 3):
         name = f"{random.choice('pq')}o{random.randrange(10)}" if random.random() < 0.95 else "b"
         came.setdefault(name[1:], []).append(time)
-        ready = len([one for one in came if one.startswith("o")]) == 10
-        first, last = (
-            max(times[0] for one, times in came.items() if one.startswith("o")) if ready else 0,
-            max(times[-1] for one, times in came.items() if one.startswith("o")) if ready else 0,
-        )
-        begun = min((times[0] for one, times in came.items() if one.startswith("o")), default=0)
+        own = [times for one, times in came.items() if one]
+        ready = len(own) == 10
+        first, last, begun = max(one[0] for one in own), max(one[-1] for one in own), min(one[0] for one in own)
         expected = name == "b" and ready
         if "<=" in guard:
             expected = expected and time - last <= 10
@@ -164,10 +160,11 @@ def test_what_many_choices_remember(guard: str) -> None:
             detections += 1
             assert engine.explanation is not None
             assert engine.explanation.branch is not None
-            engine, came = Engine(engine.tree, "scattered"), {}
-        elif time > 3_000:
+            engine, came = Engine(engine.tree, "scattered"), {"o0": [time]}
+            engine.step({"event": "po0", "t": time})
+        elif time % 999 == 0:
             assert len(pickle.dumps(engine)) < 200_000
-    assert detections > 10
+    assert detections > 3
 
 
 @pytest.mark.parametrize("shape", ["few letters", "values", "one letter each", "a common value"])
@@ -210,8 +207,8 @@ def test_matches_of_no_known_order_are_bounded() -> None:
     """Where only equal times are comparable, each is kept, up to the limit."""
     tree = rvaft.loads("time t as s; top and a b when end(a) == end(b); a or p q; b or r s; p; q; r; s;")
     engine = Engine(tree, "scattered", limit=100)
-    assert isinstance(engine._strategy, LatestStarts)  # noqa: SLF001
-    with pytest.raises(TooLarge, match="late 0 s"):
-        for time in range(1_000):
-            engine.step({"event": "p", "t": time})
-    assert partial(partial_matches.Matching, limit=1)
+    assert isinstance(engine._strategy, LatestStarts)
+    with pytest.raises(TooLarge, match="partial matches") as caught:
+        for _ in engine.run({"event": "p", "t": time} for time in range(1_000)):
+            pass
+    assert "late 0 s" in caught.value.__notes__[0]

@@ -55,7 +55,7 @@ def forgets_the_present(register: Register, binding: dict[str, Any], now: Any) -
 
 def wrong_term(sign: int, extreme: Any) -> subsumption.Term:
     """The opposite direction for the registers of time points."""
-    return TERM(-sign if "[" in extreme.names[0] else sign, extreme)
+    return TERM(-sign if any("[" in name for name in extreme.names) else sign, extreme)
 
 
 TERM: Final = subsumption.Term
@@ -68,6 +68,13 @@ def wrong_merits(run: PointedRun, node: int, *, first: bool) -> Callable[[Any], 
     return lambda match: merits((*match[:4], tuple((place, -value) for place, value in match[4]), match[5]))
 
 
+def keeps_few(run: PointedRun, *arguments: Any, **options: Any) -> None:
+    """A gate with a threshold keeps no more children than it needs."""
+    INIT(run, *arguments, **options)
+    run._moving = [False] * len(run._moving)
+
+
+INIT: Final = PointedRun.__init__
 FAULTS: Final[dict[str, tuple[object, str, object, str, Semantics]]] = {
     "a register lacks the last event": (Register, "noted", forgets_the_present, "few letters", Semantics.PROJECTED),
     "a guard is decided at once": (Matching, "is_final", lambda *_: True, "few letters", Semantics.CONSECUTIVE),
@@ -93,17 +100,10 @@ FAULTS: Final[dict[str, tuple[object, str, object, str, Semantics]]] = {
         "one letter each",
         Semantics.SCATTERED,
     ),
-    "a gate keeps no further children": (
-        PointedRun,
-        "_path",
-        lambda own, node: PATH(own, node) if node not in own.unit.kept else [node],
-        "one letter each",
-        Semantics.SCATTERED,
-    ),
+    "a gate keeps no further children": (PointedRun, "__init__", keeps_few, "one letter each", Semantics.SCATTERED),
 }
 """By fault: the place, the name and the replacement of a function, and where it shows."""
 POINTED: Final = Matching.pointed
-PATH: Final = PointedRun._path
 
 
 @pytest.mark.parametrize("fault", FAULTS)

@@ -183,7 +183,10 @@ NATURAL: Final[dict[str, Callable[[int], tuple[str, Log]]]] = {
     "and of K leaves, one user": lambda k: (few_of_many("and", k, USER), all_leaves(k)),
     "K pairs, start - end <= 10 s": lambda k: (guarded(k, ONE, SOON), some_pairs(k)),
     "K pairs, start - end >= 10 s": lambda k: (guarded(k, ONE, "start(never) - end(a) >= 10 s"), some_pairs(k)),
-    "K pairs, two bounds, one user": lambda k: (guarded(k, USER, f"{SOON} and start(never) - start(a) < 1 h"), some_pairs(k)),
+    "K pairs, two bounds, one user": lambda k: (
+        guarded(k, USER, f"{SOON} and start(never) - start(a) < 1 h"),
+        some_pairs(k),
+    ),
     "third of K leaves": lambda k: (few_of_many(f"{k // 3 + 1}of{k + 1}", k, ONE), all_leaves(k)),
 }
 COUNTS: Final = {

@@ -135,15 +135,15 @@ def test_resolutions_of_a_core_are_bounded() -> None:
 HEAVY: Final = {
     "resolutions of the choices": (
         (
-            "top pand a b c; a and x o q; o 1of2 p r; q pand s t; b and x y; c and o z; x on e(4); p on e(3); r on e(3);"
-            " s on e(1); t on e(1); y on e(1); z on e(3);"
+            "top pand a b c; a and x o q; o 1of2 p r; q pand s t; b and x y; c and o z; x on e(4); p on e(3);"
+            " r on e(3); s on e(1); t on e(1); y on e(1); z on e(3);"
         ),
         "projected",
     ),
     "ways to join matches": (
         (
-            "time t as s; top sand a b w within 500 s; a 1of2 p q; b and r s; p on e(1); q on e(2); r on e(3); s on e(4);"
-            " w on e(0);"
+            "time t as s; top sand a b w within 500 s; a 1of2 p q; b and r s; p on e(1); q on e(2); r on e(3);"
+            " s on e(4); w on e(0);"
         ),
         "scattered",
     ),

@@ -114,6 +114,7 @@ def of_seed(shape: str, semantics: Semantics, seed: int) -> Callable[[], object]
     return partial(campaign, shape, semantics, f"fault {seed}", 4)
 
 
+POINTED: Final = Matching.pointed
 FAULTS: Final[dict[str, tuple[object, str, object, Callable[[], object]]]] = {
     "a register lacks the last event": (
         Register,
@@ -144,7 +145,6 @@ FAULTS: Final[dict[str, tuple[object, str, object, Callable[[], object]]]] = {
     "a gate keeps no further children": (PointedRun, "__init__", keeps_few, partial(of_word, *CASES[4])),
 }
 """By fault: the place, the name and the replacement of a function, and a comparison that finds it."""
-POINTED: Final = Matching.pointed
 
 
 @pytest.mark.parametrize("fault", FAULTS)

@@ -79,7 +79,8 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
         return False
     if (after.unfit, after.broken) != (before.unfit, before.broken):
         return False
-    if before.held | before.failing | after.held | after.failing:
+    open_points = (one for one in compiled.pointed.values() if not after.closed >> one.node & 1)
+    if any(name in after.binding for one in open_points for name in one.times):  # another event may move one
         return False
     part = compiled.part_of[node]
     chosen = (

@@ -95,7 +95,7 @@ def guard_of(random: Random, nodes: list[str]) -> str:
     """A guard over the time points of these nodes."""
 
     def comparison() -> str:
-        one, other = (f"{random.choice(('start', 'end', 'end'))}({random.choice(nodes)})" for _ in range(2))
+        one, other = (f"{random.choice(('start', 'end', 'end', 'at'))}({random.choice(nodes)})" for _ in range(2))
         operator = random.choice(("<=", "<=", ">=", ">=", "<", ">", "==", "!="))
         if random.random() < 0.3:
             return f"{one} {operator} {other}"

@@ -76,6 +76,7 @@ def keeps_few(run: PointedRun, *arguments: Any, **options: Any) -> None:
 
 
 INIT: Final = PointedRun.__init__
+ABC: Final = "p:a q:b b:c z:a"
 CASES: Final = [
     # of two partial matches with the same events, the one that ends later, or earlier
     ("top sand a b when start(b) - end(a) <= 3 s; a and o x; o or p q", "p:a q:b x:a b:c", "a0 a1 a5 c6"),
@@ -88,8 +89,11 @@ CASES: Final = [
     # the guard does not hold at first, while the gate may keep more children
     ("top and a b when start(b) <= end(a); a 1of3 p q r", "p:a q:a r:a b:b", "a0 b4 a5"),
     # an event that ends a part, without which the part may have another event
-    ("top and s z when start(z) - end(a) <= 3 s and 6 s <= start(z) - start(a); s sand a b; a 1of2 p q",)
-    + ("p:a q:b b:c z:a", "a1 c2 b5 c6 a8"),
+    (
+        "top and s z when start(z) - end(a) <= 3 s and start(z) - start(a) > 6 s; s sand a b; a 1of2 p q",
+        ABC,
+        "a1 c2 b5 c6 a8",
+    ),
     # the first event of the later part, and the earlier part as it was before
     ("top sand a b when start(b) - end(a) <= 1 s; a or p q; b and r s", "p:a q:b r:c s:d", "a0 c1 a5 d6"),
 ]

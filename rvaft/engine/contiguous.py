@@ -190,8 +190,10 @@ class ContiguousMatches(Following):
         if self._projected and not reading.relevant:
             return Verdict.UNKNOWN if self._frontier.stages else Verdict.FALSE
         event, event_class = reading.hits or _UNMATCHED
-        self.matching.effort.begin()
-        plan = self._frontier.plans.get(event_class) or self._stages.plan(self._frontier, event_class)
+        known = self._frontier.plans.get(event_class)
+        if known is None or known.after is None:  # otherwise nothing is searched
+            self.matching.effort.begin()
+        plan = known or self._stages.plan(self._frontier, event_class)
         steps, after, fresh = plan
         members: list[Follower] | None = None
         if after is None:

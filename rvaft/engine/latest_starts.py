@@ -197,7 +197,7 @@ class LatestStarts(Strategy):
 
     def _take(self, event: Mapping[str, Json], event_class: EventClass, time: int | None, position: int) -> Verdict:
         found: list[Detected] | None = None
-        self._effort.begin()
+        self._effort.spent = 0  # faster than `begin`
         for unit, leaf, timed, begins, take, field, named, admission, plain in self._served.get(
             event_class
         ) or self._serving(event_class):

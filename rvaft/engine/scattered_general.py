@@ -233,7 +233,7 @@ class ScatteredMatches(Following):
         """Return the letters that may change something now."""
         if not event_class.serving:
             return NOTHING
-        self.matching.effort.begin()  # `advance` goes on
+        self.matching.effort.spent = 0  # faster than `begin`; `advance` goes on
         loud, quiet = list[RelevantHit](), self._quiet
         time = self.letters.time(event) if event_class.timed else None
         for admission, moves, held, names, fields in self._candidates(event_class):
@@ -335,7 +335,8 @@ class ScatteredMatches(Following):
                             found.append(_new(NewMatch, ((number, order, place), stage, binding, step, rank)))
                         if enough is not None and all(one.value(binding) == own.of(values) for one, own in enough):
                             break
-                self.matching.effort.spend(NEW * (len(found) - count), "new partial matches")
+                if len(found) > count:
+                    self.matching.effort.spend(NEW * (len(found) - count), "new partial matches")
         self.noted = bool(found or ended)
         if begun != self._begun:
             self._begun, self._set = begun, None

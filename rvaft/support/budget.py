@@ -81,16 +81,17 @@ class Effort:
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self._most = max(VISITS * limit, MIN_VISITS)
-        self._spent = 0
+        self.spent = 0
+        """The visits of the present step."""
 
     def begin(self) -> None:
         """Begin the next step."""
-        self._spent = 0
+        self.spent = 0
 
     def spend(self, visits: int, what: str) -> None:
         """Count more visits, of a few microseconds each."""
-        self._spent += visits
-        if self._spent > self._most:
+        self.spent += visits
+        if self.spent > self._most:
             remedy = "a branch has fewer choices (--branch N); --max-configurations allows more"
             raise TooLarge(f"one step of the monitor; it visits too many {what}", limit=self.limit, remedy=remedy)
 

@@ -248,7 +248,15 @@ class LatestStarts(Strategy):
     def _count(self) -> None:
         """Raise `TooLarge` beyond the limit of matches where times may decrease."""
         pairs = [*zip(self.runs, self._instances, strict=True)]
-        kept = sum(run.kept(state) for run, instances in pairs for state in instances.values())
+
+        def count() -> int:
+            return sum(run.kept(state) for run, instances in pairs for state in instances.values())
+
+        kept = count()
+        if kept > self.limit:
+            for number in range(len(pairs)):
+                self._drop_expired(number)
+            kept = count()
         if kept > self.limit:
             names = ", ".join(dict.fromkeys(name for run, _ in pairs for name in run.unit.names if name))
             what = f"partial matches to follow; too many ways to match {names}"
@@ -274,15 +282,23 @@ class LatestStarts(Strategy):
     def _sweep(self, number: int) -> None:
         """Forget the instances of a unit whose window has passed; raises `TooLarge`."""
         unit, instances = self.runs[number].unit, self._instances[number]
-        least = self._horizon(unit)
-        if least is not None:
-            for name in [name for name, state in instances.items() if state[TIME] < least]:
-                del instances[name]
+        self._drop_expired(number)
         most = INSTANCES * self.limit
         if len(instances) >= most:
             what = f"values of {' and '.join(unit.key)} to follow"
             raise TooLarge(what, limit=most, remedy=self.prop.remedy)
         self._sweep_at[number] = min(2 * len(instances) + SWEEP, most)
+
+    def _drop_expired(self, number: int) -> None:
+        """Forget the instances of a unit that no later event can complete."""
+        run, instances, watermark = self.runs[number], self._instances[number], self._watermark
+        least = self._horizon(run.unit)
+        if least is not None:
+            for name in [name for name, state in instances.items() if state[TIME] < least]:
+                del instances[name]
+        if watermark is not None:
+            for name in [name for name, state in instances.items() if run.expires(state, watermark)]:
+                del instances[name]
 
     def forget(self, watermark: int) -> None:
         """Set the watermark, the minimum time of later events."""

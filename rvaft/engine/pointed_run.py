@@ -317,19 +317,34 @@ class PointedRun(UnitRun):
         merits = self._stored[node]
         own = merits(match)
         kept = list[Match]()
-        watermark, limit = state[WATERMARK], self.unit.limits[max(self.unit.places[node].gate, 0)]
+        watermark = state[WATERMARK]
         for one in front:
             others = merits(one)
             if all(map(ge, others, own)):
                 return False
-            gone = watermark is not None and (
-                (limit is not None and one[1] < watermark - limit)
-                or any(dict(one[4])[place] + most < watermark for place, most in self._deadlines[node])
-            )
-            if not gone and not all(map(ge, own, others)):
+            if not all(map(ge, own, others)) and (watermark is None or self._lives(one, node, watermark)):
                 kept.append(one)
         state[HEAD + node] = (*kept, match)
         return True
+
+    def _lives(self, match: Match, node: int, watermark: int) -> bool:
+        """Whether later events can complete a match of a node."""
+        limit = self.unit.limits[max(self.unit.places[node].gate, 0)]
+        if limit is not None and match[1] < watermark - limit:
+            return False
+        deadlines = self._deadlines[node]
+        return not deadlines or all(dict(match[4])[place] + most >= watermark for place, most in deadlines)
+
+    def expires(self, state: State, watermark: int) -> bool:
+        """Drop the matches that later events cannot complete; return whether none is left."""
+        left = False
+        for node in range(len(self.unit.places)):
+            front: Front | None = state[HEAD + node]
+            if front:
+                kept = tuple([one for one in front if self._lives(one, node, watermark)])
+                state[HEAD + node] = kept
+                left = left or bool(kept)
+        return not left
 
     def alive(self, found: Front, least: int) -> bool:
         """Whether a match starts at this time or later."""

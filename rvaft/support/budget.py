@@ -92,7 +92,7 @@ class Effort:
         """Count more visits, of a few microseconds each."""
         self.spent += visits
         if self.spent > self._most:
-            remedy = "a branch has fewer choices (--branch N); --max-configurations allows more"
+            remedy = "a smaller tree or a branch (--branch N) has fewer choices; --max-configurations allows more"
             raise TooLarge(f"one step of the monitor; it visits too many {what}", limit=self.limit, remedy=remedy)
 
 

@@ -404,10 +404,13 @@ def _windows_of_alternatives(prop: Property) -> Property:
     return prop.rewritten(change)
 
 
-def _with_guards(prop: Property, *, windows: bool = True, only_fixed: bool = False) -> Property:
+def _with_guards(
+    prop: Property, *, windows: bool = True, only_fixed: bool = False, open_points: bool = False
+) -> Property:
     """Return the property without `start` and `end`, with `windows` as guards; raises `_Open`.
 
-    If `only_fixed`, windows over choices stay.
+    If `only_fixed`, windows over choices stay; with `open_points`, so do time points of parts with choices
+    in which no part is shared.
     """
     below: dict[Part, tuple[Part, ...]] = {}
     rank = prop.tree.rank
@@ -418,6 +421,10 @@ def _with_guards(prop: Property, *, windows: bool = True, only_fixed: bool = Fal
         whole = prop.wholes.get(Source(time_point.node, time_point.number))
         if whole is None:  # no scenario of this property has the node
             raise _Open
+        if whole not in below:
+            below[whole] = parts_below(whole)
+        if open_points and any(map(chooses, below[whole])) and prop.shared.isdisjoint(below[whole]):
+            return TimePoint.of(time_point.point, time_point.node)
         return extreme(time_point.point, whole)
 
     def extreme(which: str, whole: Part) -> Guard:
@@ -578,17 +585,17 @@ def reduced(prop: Property, limit: int = LIMIT) -> Property:
     return simplify(windows_to_guards(order_ends(expand_times(prop), limit), limit))
 
 
-def followed(prop: Property, limit: int = LIMIT) -> Property:
+def followed(prop: Property, limit: int = LIMIT, *, points: bool = True) -> Property:
     """Return the property that the engine follows.
 
-    Windows over choices stay, and ends in order outside of shared parts. Each alternative is `reduced`
-    if it has an end in order above a shared part, or a `start` or `end` of a part with choices. Raises
-    `TreeError` if no alternative is left.
+    Windows over choices stay, ends in order outside of shared parts, and, with `points`, the `start` and
+    `end` of a part with choices in which no part is shared. Each alternative is `reduced` if it has
+    another such construct. Raises `TreeError` if no alternative is left.
     """
     roots: dict[Part, None] = {}
     for alternative in expand_times(prop).alternatives:
         with suppress(_Open):
-            made = _followed(alternative, limit)
+            made = _followed(alternative, limit, points=points)
             if any(map(_has_shared_absence, made.alternatives)):
                 made = _by_choices(alternative, limit, lambda each, left: iter(reduced(each, left).alternatives))
             roots.update(dict.fromkeys(one.root for one in made.alternatives))
@@ -598,7 +605,7 @@ def followed(prop: Property, limit: int = LIMIT) -> Property:
     return prop.with_root(found[0] if len(found) == 1 else One(None, found))
 
 
-def _followed(prop: Property, limit: int) -> Property:
+def _followed(prop: Property, limit: int, *, points: bool) -> Property:
     made = prop
     if any(isinstance(part, EndInOrder) for part in prop.parts):
         try:
@@ -608,7 +615,7 @@ def _followed(prop: Property, limit: int) -> Property:
             if _shares_below_ends(made):
                 return reduced(prop, limit)
     try:
-        return _below_shared_parts(simplify(_with_guards(made, only_fixed=True)))
+        return _below_shared_parts(simplify(_with_guards(made, only_fixed=True, open_points=points)))
     except _Open:
         return reduced(prop, limit)
 

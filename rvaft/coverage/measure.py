@@ -320,7 +320,8 @@ def _followed(prop: Property) -> Property:
     """Return the property of a branch that a `BranchFollower` follows; raises `TreeError`."""
     present = {part.source.node for part in prop.parts if isinstance(part, Event | Times)}
     own = tuple(entry for entry in prop.alphabet if entry.node in present)
-    made = followed(replace(prop, alphabet=own, ignored=()))  # relevance is computed once for all branches
+    # relevance is computed once for all branches; the missing events are counted without failing guards
+    made = followed(replace(prop, alphabet=own, ignored=()), points=False)
     feasible = tuple(one.root for one in made.alternatives if not is_empty(one.rewritten(_unordered)))
     if not feasible:
         raise TreeError("no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])

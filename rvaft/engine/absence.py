@@ -22,6 +22,7 @@ from typing import Any, Final, NamedTuple, Self
 from rvaft.engine.all_matches import Following
 from rvaft.engine.compiled_tree import NOTHING, Clause, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Mark, Witness, events_of, history
+from rvaft.engine.partial_matches import NEW
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import UNRANKED, Member, StageGroup
 from rvaft.engine.stages import Stage, StageMove, Stages, agree
@@ -219,6 +220,7 @@ class AbsentEvents(Following):
     def advance(self, reading: Reading, position: int) -> Verdict:
         """Return the verdict after one more event."""
         event, event_class = reading.hits or ({}, EventClass())
+        self.matching.effort.begin()
         time = self.letters.time(event) if reading.hits else None
         before = self._members if self.semantics in (Semantics.STRICT, Semantics.PROJECTED) else []
         if time is not None:
@@ -443,6 +445,7 @@ class AbsentEvents(Following):
                 continue
             noted = move.timed(bound) if move.registers else bound
             last = Witness(member.last, move.node, position, values)
+            self.matching.effort.spend(NEW, "new partial matches")
             made = self._judged(outcome[0], move, noted, last)
             if made is not None:
                 yield made

@@ -106,6 +106,7 @@ class Following(Measured):
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot of the same tree."""
+        self.matching.effort.begin()
         followed, self.matches, self.lost = unflattened(snapshot)
         self.follow(followed)
 
@@ -135,10 +136,12 @@ class Following(Measured):
         return pending(self._replay(histories), limit=limit)
 
     def _replay(self, histories: Sequence[list[Witness]]) -> ReplaySearch:
+        self.matching.effort.begin()
         return ReplaySearch(self.matching, self.matches, histories, limit=self.limit, drops=not self.uses_up)
 
     def progress(self) -> Iterator[Progress]:
         """Iterate over the progress of the partial matches, without those with equal futures."""
+        self.matching.effort.begin()
         alike: dict[Hashable, Configuration] = {}
         for match in self.partial:
             alike.setdefault(match.place, match)
@@ -192,6 +195,7 @@ class Contiguous(Following):
 
     def advance(self, reading: Reading, position: int) -> Verdict:
         """Return the verdict after one more event."""
+        self.matching.effort.begin()
         relevant, hits = reading
         before = self._configurations
         if self._projected and not relevant:

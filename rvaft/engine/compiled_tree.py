@@ -24,10 +24,20 @@ from rvaft.core.part_numbers import op_of
 from rvaft.core.property import Part, PartKind, Property, Source, fewest
 from rvaft.core.times import Extreme, TimeDifference, differences
 from rvaft.model.expressions import without_text
-from rvaft.model.guards import Guard, Operator, Predicate, TimePoint, conjuncts, predicate, renamed, time_points
+from rvaft.model.guards import (
+    Guard,
+    Operator,
+    Predicate,
+    TimePoint,
+    conjuncts,
+    predicate,
+    renamed,
+    substitute,
+    time_points,
+)
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Side
-from rvaft.model.patterns import Pattern, rigid_variables
+from rvaft.model.patterns import Pattern, Variable, rigid_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.support.bits import bits, mask_of, union
@@ -47,6 +57,8 @@ class _Node(NamedTuple):
     ends: bool = False
     """Whether the children end in order."""
     absence: core.Without | None = None
+    points: tuple[int, ...] = ()
+    """The nodes whose `start` or `end` the guard has."""
 
 
 def _all_nodes(prop: Property) -> tuple[list[_Node], list[tuple[int, ...]]]:
@@ -60,12 +72,30 @@ def _all_nodes(prop: Property) -> tuple[list[_Node], list[tuple[int, ...]]]:
         direction = next((one.event_first for one in found if one.event_first is not None), None)
         nodes, first = _nodes(alternative, direction), len(found)
         number = {one.part: node for node, one in enumerate(nodes, first)}
+        named: dict[str, int] = {}
+        for node, one in enumerate(nodes, first):
+            if one.part.source is not None:
+                named.setdefault(one.part.source.node, node)  # the outermost comes first
         roots.append(first)
-        found += nodes
+        found += (_with_registers(one, named) for one in nodes)
         children += (tuple(number[child] for child in one.children) for one in nodes)
     if len(alternatives) != 1:
         children[0] = tuple(roots)
     return found, children
+
+
+def _with_registers(node: _Node, named: Mapping[str, int]) -> _Node:
+    """Return the node with registers in place of the `start` and `end` of nodes with choices."""
+    points = [point for point in time_points(node.guard) if point.point != "at"]
+    if node.guard is None or not points:
+        return node
+    found = {point.name: named[point.node] for point in points if point.node in named}
+    values: dict[str, Guard] = {}
+    for point in points:
+        if point.name in found:
+            register = Register.of(found[point.name])
+            values[point.name] = Variable(register.least if point.point == "start" else register.greatest)
+    return node._replace(guard=substitute(node.guard, values), points=tuple(sorted({*found.values()})))
 
 
 def _nodes(prop: Property, direction: bool | None) -> list[_Node]:
@@ -178,6 +208,8 @@ class CompiledTree:
             if (part := one.absence)
         }
         """The silent nodes with an absent event."""
+        self.point_nodes = frozenset(point for one in nodes for point in one.points)
+        """The nodes whose `start` or `end` a guard has."""
         self._note_variables(nodes)
         seen = Counter(chain(*self.children))
         self._note_parts({child for child, count in seen.items() if count > 1})
@@ -188,6 +220,7 @@ class CompiledTree:
         """The silent nodes that bound how far the events below are apart, with durations."""
         self._note_absences(len(nodes))
         self._note_registers()
+        self._note_points(nodes)
         waiting = (node for node in range(len(nodes)) if self.needs[node])
         self.closed = (1 << len(nodes)) - 1 ^ mask_of(waiting)
         """The nodes without a guard that waits for variables."""
@@ -343,8 +376,34 @@ class CompiledTree:
         return found
 
     def register(self, node: int) -> "Register":
-        """Return the register of a window, or of an element of the core."""
-        return Register(node, f"start[{node}]", f"end[{node}]")
+        """Return the register of a window, of a node with time points, or of an element of the core."""
+        return Register.of(node)
+
+    def _note_points(self, nodes: Sequence[_Node]) -> None:
+        self.pointed: dict[int, PointGuard] = {}
+        """The guards with a `start` or `end` of a node with choices, by their nodes."""
+        for node, one in enumerate(nodes):
+            if one.points and self.guards[node] is not None:
+                names = self.needs[node]
+                others = tuple(name for name in names if name not in self.register_of)
+                times = tuple(name for name in names if name in self.register_of)
+                top = self._lowest_common((node, *one.points))
+                self.pointed[node] = PointGuard(node, one.points, times, others, top)
+        self.pointed_from: dict[int, list[int]] = {}
+        """The same by the lowest node of a part above the guard and its time points; -1 is the core."""
+        for guard in self.pointed.values():
+            self.pointed_from.setdefault(guard.top, []).append(guard.node)
+
+    def _lowest_common(self, nodes: Iterable[int]) -> int:
+        """Return the lowest node of a part above some nodes, or -1 if only the core is above all."""
+        paths = []
+        for node in nodes:
+            path = [node]
+            while self.parent[path[-1]] >= 0:
+                path.append(self.parent[path[-1]])
+            paths.append(path)
+        common = set(paths[0]).intersection(*paths[1:]).difference(self.members)
+        return max(common, default=-1)
 
     def _note_registers(self) -> None:
         size = len(self.names)
@@ -357,9 +416,9 @@ class CompiledTree:
         found = list[tuple[Register, ...]]()
         for node, own in enumerate(self.own):
             above = dict[int, None]()
-            parent = node if own and self.windows else -1
+            parent = node if own and (self.windows or self.point_nodes) else -1
             while parent >= 0:
-                if parent in self.windows and parent not in self.members:
+                if (parent in self.windows and parent not in self.members) or parent in self.point_nodes:
                     above[parent] = None
                 parent = self.parent[parent]
             if own and any(self.below[window] >> node & 1 for window in self.over_core):
@@ -371,8 +430,9 @@ class CompiledTree:
         self.registers = tuple(found)
         """For each node with an event, the registers of its time."""
         self._surely_below: dict[int, frozenset[int]] = {}
-        self.register_of = {one.least: one for some in found for one in some}
-        self.times |= {name for one in self.register_of.values() for name in one[1:]}
+        self.register_of = {name: one for some in found for one in some for name in one[1:]}
+        """The register of each of its variables."""
+        self.times |= frozenset(self.register_of)
 
 
 NOW: Final = "now"
@@ -382,19 +442,42 @@ NOW: Final = "now"
 class Register(NamedTuple):
     """The variables with the least and the greatest time of the events taken at and below a node.
 
-    The node is a window, or a part or core node below a window over shared nodes.
+    The node is a window, a node whose `start` or `end` a guard has, or a part or core node below a
+    window over shared nodes.
     """
 
     node: int
     least: str
     greatest: str
 
+    @classmethod
+    def of(cls, node: int) -> "Register":
+        """Return the register of a node."""
+        return cls(node, f"start[{node}]", f"end[{node}]")
+
     def noted(self, binding: dict[str, Json], now: Json) -> None:
         """Note the time of one more event; an undefined time makes both undefined."""
-        least, greatest = binding.get(self.least, now), binding.get(self.greatest, now)
-        defined = now is not None and least is not None
-        binding[self.least] = min(least, now) if defined else None
-        binding[self.greatest] = max(greatest, now) if defined else None
+        for name, extreme in ((self.least, min), (self.greatest, max)):
+            before = binding.get(name, now)
+            binding[name] = None if before is None or now is None else extreme(before, now)
+
+
+class PointGuard(NamedTuple):
+    """A guard with the `start` or `end` of nodes with choices.
+
+    Their parts may have further events in one scenario and not in another, so whether the guard holds
+    may change with each event, until no part can have another one.
+    """
+
+    node: int
+    points: tuple[int, ...]
+    """The nodes with the time points."""
+    times: tuple[str, ...]
+    """The variables of registers."""
+    others: tuple[str, ...]
+    """The other variables."""
+    top: int
+    """The lowest node of a part above the guard and these nodes, or -1 if only the core is."""
 
 
 def window_over(registers: Iterable[Register], duration: int) -> TimeDifference:

@@ -60,6 +60,8 @@ class Configuration:
     - `ended`: the parts that can have no more events, because of an absent event.
     - `unanswered`: the parts that need one more event, because of an absent event.
     - `decided`: the nodes whose absent event can come no more.
+    - `held`: the guards over time points (`PointGuard`) that hold for the events so far.
+    - `failing`: those that do not, so that a part with a time point needs another event.
     - `flags`, `tallies`: derived data of `PartProgress` where it differs from the start.
     - `witness`: the steps so far; not part of the state.
     """
@@ -77,13 +79,16 @@ class Configuration:
     ended: int = 0
     unanswered: int = 0
     decided: int = 0
+    held: int = 0
+    failing: int = 0
     witness: Witness | None = None
 
     def copy(self) -> "Configuration":
         """Return an independent copy."""
         own = self.binding.copy(), self.inversions, self.flags.copy(), self.tallies.copy()
         broken, absent = (self.unfit, self.owing, self.broken), (self.ended, self.unanswered, self.decided)
-        return Configuration(self.dead, self.closed, self.taken, *own, *broken, *absent, self.witness)
+        points = self.held, self.failing
+        return Configuration(self.dead, self.closed, self.taken, *own, *broken, *absent, *points, self.witness)
 
     @property
     def fields(self) -> tuple[object, ...]:
@@ -103,7 +108,7 @@ class Configuration:
     @property
     def _broken(self) -> tuple[Hashable, ...]:
         broken = self.inversions, self.unfit, self.owing, self.broken
-        return *broken, self.ended, self.unanswered, self.decided
+        return *broken, self.ended, self.unanswered, self.decided, self.held, self.failing
 
 
 def history(last: Witness | None) -> list[Witness]:
@@ -252,8 +257,12 @@ class PartProgress:
 
     def refresh(self, configuration: Configuration, node: int) -> bool:
         """Update the flags upwards; return False if a touched node is ruled out."""
+        return self._refreshed(configuration, node, -1)
+
+    def _refreshed(self, configuration: Configuration, node: int, top: int) -> bool:
+        """Update the flags from a node up to below another one; return False if a touched node is ruled out."""
         flags, parents = configuration.flags, self.compiled.parent
-        while True:
+        while node != top:
             old = self.flags(configuration, node)
             new = self._evaluate(configuration, node)
             if new == old:
@@ -271,6 +280,7 @@ class PartProgress:
                 tally = tuple(map(add, tally, _CHANGES[old][new]))
             configuration.tallies[parent] = tally
             node = parent
+        return True
 
     def _in_sequence(self, configuration: Configuration, tally: Tally, node: int, old: int, new: int) -> Tally:
         slot = self.compiled.slot[node]
@@ -294,6 +304,31 @@ class PartProgress:
         return (last, late, done, sure, possible, more)
 
     def _evaluate(self, configuration: Configuration, node: int) -> int:
+        """Return the flags of a node, by the flags of those below."""
+        failing = configuration.failing
+        for guard in self.compiled.pointed_from.get(node, ()) if failing else ():
+            if failing >> guard & 1:
+                found = self._evaluated(configuration, node) & TOUCHED
+                for way in self.repaired(configuration, guard):
+                    found |= self._evaluate(way, node)
+                return found
+        return self._evaluated(configuration, node)
+
+    def repaired(self, configuration: Configuration, guard: int) -> Iterator[Configuration]:
+        """Iterate over the ways to repair a failing guard, with flags up to below the guard's `top`.
+
+        Either its node is not in the scenario, or a part with one of its time points needs another event.
+        """
+        pointed = self.compiled.pointed[guard]
+        for node, is_absent in ((guard, True), *((point, False) for point in pointed.points)):
+            way = configuration.copy()
+            way.failing &= ~(1 << guard)
+            way.dead |= is_absent << guard
+            way.unfit |= (not is_absent) << node
+            if node in self.compiled.members or self._refreshed(way, node, pointed.top):
+                yield way
+
+    def _evaluated(self, configuration: Configuration, node: int) -> int:
         compiled = self.compiled
         found = self.inner(configuration, node)
         if compiled.own[node]:
@@ -312,9 +347,9 @@ class PartProgress:
             found &= ~MORE
         if configuration.unanswered >> node & 1:
             found &= ~(DONE | SURE)
-        if self._windows >> node & 1 and (configuration.unfit >> node & 1 or not found & TOUCHED):
+        if configuration.unfit >> node & 1 or (self._windows >> node & 1 and not found & TOUCHED):
             return found & (TOUCHED | MORE)
-        return found if configuration.closed >> node & 1 else found & ~SURE
+        return found if (configuration.closed | configuration.held) >> node & 1 else found & ~SURE
 
     def inner(self, configuration: Configuration, node: int) -> int:
         """Return the joint flags of a node's children."""

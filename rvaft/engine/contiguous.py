@@ -108,7 +108,8 @@ class FrontierTable(Stages):
         for place, stage in enumerate(frontier.stages):
             for number, move, _ in self.moves(stage, event_class):
                 letter = event_class.serving[number]
-                certain = None if move.joint or letter.reader.ways else self.outcome(move, 0, ())
+                open_ = move.joint or move.registers or letter.reader.ways
+                certain = None if open_ else self.outcome(move, 0, ())
                 steps.append(FrontierStep(place, letter, move, certain and certain[0]))
         after = None
         if not any(step.target is None or step.move.compared for step in steps):
@@ -189,7 +190,10 @@ class ContiguousMatches(Following):
         if self._projected and not reading.relevant:
             return Verdict.UNKNOWN if self._frontier.stages else Verdict.FALSE
         event, event_class = reading.hits or _UNMATCHED
-        plan = self._frontier.plans.get(event_class) or self._stages.plan(self._frontier, event_class)
+        known = self._frontier.plans.get(event_class)
+        if known is None or known.after is None:  # otherwise nothing is searched
+            self.matching.effort.begin()
+        plan = known or self._stages.plan(self._frontier, event_class)
         steps, after, fresh = plan
         members: list[Follower] | None = None
         if after is None:

@@ -173,17 +173,18 @@ def explanation_of(tree: RVAFT, steps: Sequence[Step], explained: Explained) -> 
 
 
 def explained_match(search: MatchSearch) -> tuple[FoundMatch, Explained]:
-    """Return a match in the lowest branch; its branch is None if the search takes too long."""
+    """Return a match in the lowest branch; its branch is None if the search takes too long, or too many events."""
     prop, tree = search.prop, search.prop.tree
     found = search.find({})
     assert found is not None, "what detected is a match"
     number = prop.branch
-    if number is None and prop.kind is None:
-        found, number = _lowest(tree, search, found)
-    elif number is None:
-        of_kind = (branch for branch in islice(branches(tree), BRANCHES) if prop.kind in branch.kinds)
-        matches = ((match, branch.number) for branch in of_kind if (match := search.find(branch.choices)) is not None)
-        found, number = next(matches, (found, None))
+    with suppress(TooLarge):  # not all events that the search needs are remembered
+        if number is None and prop.kind is None:
+            found, number = _lowest(tree, search, found)
+        elif number is None:
+            of_kind = (branch for branch in islice(branches(tree), BRANCHES) if prop.kind in branch.kinds)
+            matches = ((m, branch.number) for branch in of_kind if (m := search.find(branch.choices)) is not None)
+            found, number = next(matches, (found, None))
     kinds = (tree.nodes[name].kind for name in found.kept)
     return found, Explained(0, number, frozenset(kind for kind in kinds if kind is not None), found.kept)
 

@@ -80,7 +80,7 @@ def _units(compiled: CompiledTree) -> tuple[list[int], list[int]]:
         below[node] |= union(below[child] for child in compiled.children[node])
     while agenda:
         node = agenda.pop()
-        free = node not in compiled.windows and not compiled.ends >> node & 1
+        free = node not in compiled.windows and node not in compiled.point_nodes and not compiled.ends >> node & 1
         children, silent = compiled.children[node], free and compiled.guards[node] is None and not compiled.own[node]
         if silent and children and compiled.ops[node] in (PartKind.ALL, PartKind.SEQUENCE):
             agenda += [child for child in children if child not in joints]
@@ -112,7 +112,9 @@ def _ties(compiled: CompiledTree, letters: TreeLetters, units_of: Mapping[int, l
             exporting.setdefault(name, []).append(units[0])
     for node, units in units_of.items():
         if not compiled.times.isdisjoint(compiled.needs[node]):
-            yield [units[0], *(one for name in compiled.needs[node] for one in exporting.get(name, ()))]
+            points = compiled.pointed[node].points if node in compiled.pointed else ()
+            noted = (unit for point in points for unit in units_of[point])
+            yield [units[0], *noted, *(one for name in compiled.needs[node] for one in exporting.get(name, ()))]
     serving = [(letter.pattern, nodes) for letter, nodes in zip(letters.letters, letters.serves, strict=True) if nodes]
     for _, nodes in serving:
         yield [units_of[node][0] for node in nodes]

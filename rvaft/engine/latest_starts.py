@@ -33,6 +33,7 @@ from rvaft.engine.explanation import (
     kept_nodes,
     pending,
 )
+from rvaft.engine.pointed_run import FORGOTTEN, PointedRun
 from rvaft.engine.strategy import BatchEvent, Noted, Strategy
 from rvaft.engine.unit_run import (
     EVENTS,
@@ -55,6 +56,7 @@ from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending, twin
+from rvaft.support.budget import Effort
 
 INSTANCES: Final = 20
 """The number of instances for each partial match that the limit allows."""
@@ -107,8 +109,9 @@ class LatestStarts(Strategy):
     def __init__(self, prop: Property, found: Sequence[Unit], *, limit: int) -> None:
         self.prop = prop
         self.limit = limit
+        self._effort = Effort(limit)
         late = None if prop.time is None else prop.time.late
-        self.runs = tuple([UnorderedRun(unit) if unit.timed and late != 0 else OrderedRun(unit) for unit in found])
+        self.runs = tuple([self._run(unit, ordered=late == 0) for unit in found])
         self._added, self._most_added = 0, limit
         """The number of events taken since the last count of matches, and before the next."""
         self._leaves = [(number, leaf) for number, run in enumerate(self.runs) for leaf in run.unit.leaves]
@@ -125,6 +128,11 @@ class LatestStarts(Strategy):
         self._sweep_at = [SWEEP] * len(self.runs)
         self._detected: list[Detected] = []
         self.noted = True
+
+    def _run(self, unit: Unit, *, ordered: bool) -> UnitRun:
+        if unit.bounds:
+            return PointedRun(unit, self._effort, ordered=ordered, remedy=self.prop.remedy)
+        return UnorderedRun(unit, self._effort) if unit.timed and not ordered else OrderedRun(unit)
 
     def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
         """Return the event with its class if it may serve a leaf."""
@@ -189,6 +197,7 @@ class LatestStarts(Strategy):
 
     def _take(self, event: Mapping[str, Json], event_class: EventClass, time: int | None, position: int) -> Verdict:
         found: list[Detected] | None = None
+        self._effort.spent = 0  # faster than `begin`
         for unit, leaf, timed, begins, take, field, named, admission, plain in self._served.get(
             event_class
         ) or self._serving(event_class):
@@ -239,7 +248,15 @@ class LatestStarts(Strategy):
     def _count(self) -> None:
         """Raise `TooLarge` beyond the limit of matches where times may decrease."""
         pairs = [*zip(self.runs, self._instances, strict=True)]
-        kept = sum(run.kept(state) for run, instances in pairs for state in instances.values())
+
+        def count() -> int:
+            return sum(run.kept(state) for run, instances in pairs for state in instances.values())
+
+        kept = count()
+        if kept > self.limit:
+            for number in range(len(pairs)):
+                self._drop_expired(number)
+            kept = count()
         if kept > self.limit:
             names = ", ".join(dict.fromkeys(name for run, _ in pairs for name in run.unit.names if name))
             what = f"partial matches to follow; too many ways to match {names}"
@@ -265,15 +282,23 @@ class LatestStarts(Strategy):
     def _sweep(self, number: int) -> None:
         """Forget the instances of a unit whose window has passed; raises `TooLarge`."""
         unit, instances = self.runs[number].unit, self._instances[number]
-        least = self._horizon(unit)
-        if least is not None:
-            for name in [name for name, state in instances.items() if state[TIME] < least]:
-                del instances[name]
+        self._drop_expired(number)
         most = INSTANCES * self.limit
         if len(instances) >= most:
             what = f"values of {' and '.join(unit.key)} to follow"
             raise TooLarge(what, limit=most, remedy=self.prop.remedy)
         self._sweep_at[number] = min(2 * len(instances) + SWEEP, most)
+
+    def _drop_expired(self, number: int) -> None:
+        """Forget the instances of a unit that no later event can complete."""
+        run, instances, watermark = self.runs[number], self._instances[number], self._watermark
+        least = self._horizon(run.unit)
+        if least is not None:
+            for name in [name for name, state in instances.items() if state[TIME] < least]:
+                del instances[name]
+        if watermark is not None:
+            for name in [name for name, state in instances.items() if run.expires(state, watermark)]:
+                del instances[name]
 
     def forget(self, watermark: int) -> None:
         """Set the watermark, the minimum time of later events."""
@@ -356,6 +381,11 @@ class LatestStarts(Strategy):
         return self._detected
 
     @property
+    def effort(self) -> Effort:
+        """The work of the present step."""
+        return self._effort
+
+    @property
     def watermark(self) -> int | None:
         """The minimum time of later events, if known."""
         return self._watermark
@@ -366,11 +396,13 @@ class _InstanceSearch(MatchSearch):
 
     def __init__(self, strategy: LatestStarts) -> None:
         self.prop = strategy.prop
+        self._effort = strategy.effort
         self._strategy = strategy
         self._came = {(unit, event[2]) for unit, _, state, _ in strategy.detected for event in state[EVENTS] or ()}
 
     def find(self, choices: Choices) -> FoundMatch | None:
         """Return a match with these choices, or None."""
+        self._effort.begin()
         for number, name, state, match in self._strategy.detected:
             run = self._strategy.runs[number]
             without = _without(run.unit, choices)
@@ -403,10 +435,13 @@ class _InstanceSearch(MatchSearch):
     def waiting(self, choices: Choices | None) -> Iterator[Waiting]:
         """Iterate over the awaited nodes under these choices, by the values of the key."""
         for number, name, state in self._strategy.living:
+            self._effort.begin()
             run = self._strategy.runs[number]
             without = _without(run.unit, choices or {})
             if without is not None:
-                own = run.again(state[EVENTS] or (), without)[0] if without else state
+                events = state[EVENTS] or ()
+                known = not (events and events[0][2] == FORGOTTEN)
+                own = run.again(events, without)[0] if without and known else state
                 names = {
                     *run.awaits(own, without, self._strategy.watermark, begun=name is not None and bool(run.unit.key))
                 }
@@ -416,6 +451,8 @@ class _InstanceSearch(MatchSearch):
         """Return False if no match can keep this child of a choice."""
         first = self.prop.tree.nodes[gate].children[0] == child
         for number, _, _, _ in self._strategy.detected:
+            if (number, FORGOTTEN) in self._came:
+                return True
             unit = self._strategy.runs[number].unit
             below = unit.choices.get(gate, {}).get(child)
             if unit.chosen.get(gate, child if first else None) == child and (below is None or first):

@@ -1,28 +1,45 @@
 """The extension of partial matches."""
 
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import Final, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.core.times import TimeDifference
-from rvaft.engine.compiled_tree import NOW, Clause, CompiledTree, window_over
+from rvaft.core.times import Extreme, TimeDifference
+from rvaft.engine.compiled_tree import NOW, Clause, CompiledTree, Register, window_over
 from rvaft.engine.configuration import DONE, MORE, SURE, TOUCHED, Configuration, Mark, PartProgress, Witness
 from rvaft.engine.shared_nodes import SharedNodes
-from rvaft.model.guards import Predicate
+from rvaft.model.guards import Operator, Predicate
 from rvaft.model.nodes import Side
+from rvaft.model.patterns import Binding
 from rvaft.model.values import Json, equal
 from rvaft.monitors import AwaitedAbsence
 from rvaft.support.bits import bits, mask_of
+from rvaft.support.budget import Effort
 
 REMEMBERED: Final = 10_000
 """Maximum number of partial matches that a replay remembers."""
+NEW: Final = 4
+"""The visits that a new partial match stands for."""
+LATER: Final = "later"
+"""The variable of the time of an event that has yet to come."""
 WindowKey: TypeAlias = int | tuple[int, int, int]
 """A window, or a window over shared nodes and two elements below it."""
 
 
+class PointTest(NamedTuple):
+    """What an event decides of a guard over time points: whether it holds, or whether it may hold later."""
+
+    guard: int
+    later: bool
+
+
+JointKey: TypeAlias = WindowKey | PointTest
+"""A guard, a window, or a test of a guard over time points."""
+
+
 class Matching:
-    """The partial matches of a tree; `limit` bounds one search through shared nodes.
+    """The partial matches of a tree; `limit` bounds one search through shared nodes, and those of one step.
 
     With `early`, which requires a semantics without ⊥, guards over times fail as soon as they
     cannot hold any more.
@@ -32,11 +49,14 @@ class Matching:
         self.compiled = compiled
         self.early = early
         self.progress = PartProgress(compiled)
-        self.shared = SharedNodes(compiled, self.progress, limit=limit, early=early)
+        self.effort = Effort(limit)
+        """The work of the present step."""
+        self.shared = SharedNodes(compiled, self.progress, self.effort, limit=limit, early=early)
         self.early_differences: dict[int, tuple[TimeDifference, ...]] = {}
         """For nodes with guards over times, the time differences that can fail early."""
         for node, parts in enumerate(compiled.conjuncts if early else ()):
-            if found := tuple(one for part in parts for one in part.differences or ()):
+            found = tuple(one for part in parts for one in part.differences or ())
+            if found and node not in compiled.pointed:
                 self.early_differences[node] = found
         self.windows = frozenset(
             node for node in self.early_differences if all(part.differences for part in compiled.conjuncts[node])
@@ -55,6 +75,13 @@ class Matching:
     def standing(self, configuration: Configuration) -> tuple[bool, bool]:
         """Return whether this is a match, and otherwise whether it is a partial match."""
         if self.compiled.core:
+            failing = configuration.failing
+            for guard in self.compiled.pointed_from.get(-1, ()) if failing else ():
+                if failing >> guard & 1:
+                    self.effort.spend(len(self.compiled.names), "ways in which guards over time points can hold")
+                    ways = [self.standing(way) for way in self.progress.repaired(configuration, guard)]
+                    is_match = any(one for one, _ in ways)
+                    return is_match, not is_match and any(other for _, other in ways)
             return self.shared.classify(configuration)
         flags = self.progress.flags(configuration, self.compiled.root)
         return flags & SURE > 0, flags & MORE > 0
@@ -118,6 +145,8 @@ class Matching:
                 new.unanswered |= (not during) << target
                 if not self.progress.refresh(new, target):
                     return None
+        if compiled.pointed and not self._finished_points(new):
+            return None
         self._drop_variables(new, [name for name in new.binding if name in compiled.absent_with])
         self._drop_registers(new)
         new.witness = Witness(configuration.witness, mark.at(node), position, {})
@@ -145,7 +174,8 @@ class Matching:
         for name in names:
             if name in bound and not equal(bound[name], values[name]):
                 return None
-        new = self._taken(configuration, node, reuse=reuse)
+        points = self.pointed(configuration, node) if compiled.pointed else ()
+        new = self.taken(configuration, node, reuse=reuse)
         if new is None or (compiled.registers[node] and not self._note_time(new, node, values.get(NOW), judged)):
             return None
         if names:
@@ -166,6 +196,8 @@ class Matching:
                     if not self.fail(new, waiting):
                         return None
             self._drop_variables(new, settled)
+        if compiled.pointed and not self._judge_points(new, points, judged):
+            return None
         if compiled.absent_with:
             self._drop_variables(new, [name for name in new.binding if name in compiled.absent_with])
         self._drop_registers(new)
@@ -186,11 +218,137 @@ class Matching:
                 configuration.binding.pop(name, None)
 
     def _drop_registers(self, configuration: Configuration) -> None:
-        register_of = self.compiled.register_of
+        compiled, closed = self.compiled, configuration.closed
+        register_of = compiled.register_of
         for name in [name for name in configuration.binding if name in register_of] if register_of else ():
-            register = register_of[name]
-            if not self.grows(configuration, register.node):
-                del configuration.binding[register.least], configuration.binding[register.greatest]
+            waits = any(not closed >> guard & 1 for guard in compiled.guarded_by.get(name, ()))
+            if not waits and not self.grows(configuration, register_of[name].node):
+                del configuration.binding[name]
+
+    # Guards over time points of nodes with choices.
+
+    def pointed(self, configuration: Configuration, node: int) -> list[int]:
+        """Return the guards over time points that a node's event may change, if all else in them is known."""
+        compiled, found = self.compiled, list[int]()
+        noted = {one.node for one in compiled.registers[node]}
+        names = {*compiled.exported[node]}
+        for one in compiled.pointed.values():
+            if configuration.closed >> one.node & 1 or (noted.isdisjoint(one.points) and names.isdisjoint(one.others)):
+                continue
+            known = all(name in names or self.is_bound(configuration, name) for name in one.others)
+            begun = all(name in configuration.binding or compiled.register_of[name].node in noted for name in one.times)
+            found += [one.node] if known and begun else []
+        return found
+
+    def point_tests(self, configuration: Configuration, node: int) -> dict[JointKey, Predicate]:
+        """Return the tests of guards over time points that a node's event needs.
+
+        They are over the remembered values, those of the event, and its time (`NOW`).
+        """
+        compiled, found = self.compiled, dict[JointKey, Predicate]()
+        guards = self.pointed(configuration, node) if compiled.pointed else ()
+        after = self.taken(configuration, node) if guards and self.early else None
+        for guard in guards:
+            holds = compiled.predicates[guard]
+            assert holds is not None, "a guard has a test"
+            registers = compiled.registers[node]
+            found[PointTest(guard, later=False)] = partial(_after_event, holds, registers)
+            bounds = () if after is None else tuple(self.lasting_bounds(after, guard))
+            if bounds:
+                found[PointTest(guard, later=True)] = partial(_after_event, partial(_may_hold, bounds), registers)
+        return found
+
+    def _judge_points(
+        self, configuration: Configuration, guards: Iterable[int], judged: Mapping[Hashable, bool] | None
+    ) -> bool:
+        """Note which guards over time points hold after an event; return False if a touched node is ruled out."""
+        for guard in guards:
+            if judged is None:
+                predicate = self.compiled.predicates[guard]
+                holds = predicate is not None and predicate(configuration.binding)
+                bounds = self.lasting_bounds(configuration, guard) if self.early and not holds else ()
+                later = holds or _may_hold(bounds, configuration.binding)
+            else:
+                holds = judged[PointTest(guard, later=False)]
+                later = holds or judged.get(PointTest(guard, later=True), True)
+            bit = 1 << guard
+            configuration.held = configuration.held | bit if holds else configuration.held & ~bit
+            configuration.failing = configuration.failing & ~bit if holds or not later else configuration.failing | bit
+            if not later and not self._close_point(configuration, guard, holds=False):
+                return False
+        return self._finished_points(configuration)
+
+    def _finished_points(self, configuration: Configuration) -> bool:
+        """Decide the guards whose parts can have no more events; return False if a touched node is ruled out."""
+        compiled, members = self.compiled, self.compiled.members
+        for one in compiled.pointed.values():
+            if (configuration.held | configuration.failing) >> one.node & 1 and all(
+                self.is_final(configuration, point) for point in one.points
+            ):
+                holds = configuration.held >> one.node & 1 > 0
+                if not self._close_point(configuration, one.node, holds=holds):
+                    return False
+        tops = {guard: compiled.pointed[guard].top for guard in bits(configuration.held | configuration.failing)}
+        changed = [*(guard for guard in tops if guard not in members), *(top for top in tops.values() if top >= 0)]
+        return all(self.progress.refresh(configuration, node) for node in sorted({*changed}, reverse=True))
+
+    def _close_point(self, configuration: Configuration, guard: int, *, holds: bool) -> bool:
+        """Decide a guard over time points; return False if a touched node is ruled out."""
+        bit = 1 << guard
+        configuration.held &= ~bit
+        configuration.failing &= ~bit
+        configuration.closed |= bit
+        configuration.dead |= 0 if holds else bit
+        self._drop_variables(
+            configuration, [n for n in self.compiled.pointed[guard].others if n in configuration.binding]
+        )
+        top = self.compiled.pointed[guard].top
+        nodes = [node for node in (guard, top) if node >= 0 and node not in self.compiled.members]
+        return all(self.progress.refresh(configuration, node) for node in nodes)
+
+    def is_final(self, configuration: Configuration, node: int) -> bool:
+        """Whether a touched part can have no more events."""
+        flags = self.progress.flags(configuration, node)
+        return flags & TOUCHED > 0 and (not flags & MORE or self.progress.over(configuration, node))
+
+    def _is_lasting(self, configuration: Configuration, name: str, *, falls: bool) -> bool:
+        """Whether the value of a variable cannot fall, or not rise, in a partial match."""
+        register = self.compiled.register_of.get(name)
+        if register is None or falls is not (name == register.least):
+            return register is not None or self.is_bound(configuration, name)
+        prop = self.compiled.prop
+        is_first = name == register.least and prop.time is not None and prop.time.late == 0
+        return is_first or self.is_final(configuration, register.node)
+
+    def lasting_bounds(self, configuration: Configuration, guard: int) -> Iterator[TimeDifference]:
+        """Iterate over the bounds of a guard that stay broken once they are broken."""
+        for part in self.compiled.conjuncts[guard]:
+            for one in part.differences or ():
+                if all(self._is_lasting(configuration, name, falls=True) for name in one.plus.names) and all(
+                    self._is_lasting(configuration, name, falls=False) for name in one.minus.names
+                ):
+                    yield one
+
+    def point_deadlines(self, configuration: Configuration, guard: int) -> Iterator[TimeDifference]:
+        """Iterate over the bounds of an open guard whose later time point has yet to come."""
+        for part in self.compiled.conjuncts[guard]:
+            for one in part.differences or ():
+                names = one.minus.among(configuration.binding).names
+                is_late = all(self._is_to_come(configuration, name) for name in one.plus.names)
+                if (
+                    is_late
+                    and len(names) == len(one.minus.names)
+                    and all(self._is_lasting(configuration, name, falls=False) for name in names)
+                ):
+                    yield one._replace(plus=Extreme(Operator.MAX, (LATER,)))
+
+    def _is_to_come(self, configuration: Configuration, name: str) -> bool:
+        """Whether a variable has the time of an event that has yet to come."""
+        register = self.compiled.register_of.get(name)
+        if register is None:
+            return not self.is_bound(configuration, name)
+        flags = self.progress.flags(configuration, register.node)
+        return not flags & (TOUCHED if name == register.least else DONE)
 
     def is_window(self, node: int) -> bool:
         """Whether the times of the events of a node's part matter for a window."""
@@ -240,7 +398,7 @@ class Matching:
         compiled, found = self.compiled, list[TimeDifference]()
         for name in configuration.binding if compiled.windows else ():
             register = compiled.register_of.get(name)
-            if register is None:
+            if register is None or name != register.least:
                 continue
             node = register.node
             if node in compiled.windows and not self.progress.flags(configuration, node) & DONE:
@@ -272,7 +430,8 @@ class Matching:
         windows = (one for one in compiled.over_core if compiled.below[one] & compiled.below[node])
         return any(compiled.below[one] & ~configuration.taken for one in windows)
 
-    def _taken(self, configuration: Configuration, node: int, *, reuse: bool = False) -> Configuration | None:
+    def taken(self, configuration: Configuration, node: int, *, reuse: bool = False) -> Configuration | None:
+        """Return the partial match with a node taken, before its values decide guards, or None."""
         in_core = node in self.compiled.members
         around = self.compiled.absent_around[node] if self.compiled.clauses else 0
         if configuration.ended & (around | 1 << self.compiled.root):
@@ -283,6 +442,10 @@ class Matching:
         if self.compiled.core:
             new.inversions |= self.shared.inverted(configuration, node)
         new.taken |= 1 << node
+        if new.failing:  # whether such a guard holds is decided after the event
+            noted = {one.node for one in self.compiled.registers[node]}
+            for one in self.compiled.pointed.values():
+                new.failing &= ~(0 if noted.isdisjoint(one.points) else 1 << one.node)
         answered = new.unanswered & around
         new.unanswered ^= answered
         new.decided &= ~mask_of(clause.node for clause in self.compiled.clauses_around(node))
@@ -323,10 +486,10 @@ class Matching:
         """Whether a node's event could come next, for some values."""
         if configuration.taken >> node & 1:
             return False
-        if configuration.unfit:  # an event below a window may come, even if it completes the window
+        if configuration.unfit or configuration.failing:  # an event below may come, even if it completes the part
             above = mask_of(one.node for one in self.compiled.registers[node])
             configuration = replace(configuration.copy(), unfit=configuration.unfit & ~above)
-        new = self._taken(configuration, node)
+        new = self.taken(configuration, node)
         return new is not None and (not self.compiled.core or self.shared.possible(new, node))
 
     def admitted(self, configuration: Configuration) -> frozenset[str]:
@@ -355,7 +518,9 @@ class Matching:
         return list(self.closing(bound, names)), list(self.narrowed(bound, names))
 
     def is_bound(self, configuration: Configuration, name: str) -> bool:
-        """Whether a variable has a value, perhaps one that is not remembered (see `stages`)."""
+        """Whether a variable has a value for good, perhaps one that is not remembered (see `stages`)."""
+        if name in self.compiled.register_of:
+            return False
         return name in configuration.binding or self.compiled.mentions.get(name, 0) & configuration.taken > 0
 
     def test(self, node: int, names: Collection[str] | None = None) -> Predicate | None:
@@ -385,6 +550,14 @@ class Matching:
         configuration.closed |= 1 << node
         configuration.dead |= 1 << node
         return node in self.compiled.members or self.progress.refresh(configuration, node)
+
+
+def _after_event(holds: Callable[[Binding], bool], registers: Iterable[Register], bound: Mapping[str, Json]) -> bool:
+    """Whether a condition holds with the time of an event in its registers."""
+    noted = dict(bound)
+    for register in registers:
+        register.noted(noted, bound[NOW])
+    return holds(noted)
 
 
 def _may_hold(differences: Iterable[TimeDifference], binding: Mapping[str, Json]) -> bool:

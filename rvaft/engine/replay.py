@@ -42,6 +42,7 @@ class ReplaySearch(CompiledSearch):
         """Return a match with these choices, or None."""
         histories = [history(match.witness) for match in self._matches]
         for matching in self._under(choices):
+            matching.effort.begin()
             for match in self._replayed(matching, histories):
                 if matching.standing(match)[0]:
                     steps = steps_of(matching.compiled, events_of(match.witness))
@@ -52,6 +53,7 @@ class ReplaySearch(CompiledSearch):
         """Return the awaited nodes under these choices, by the values of variables."""
         found: dict[Hashable, tuple[set[str], Mapping[str, Json], dict[AwaitedAbsence, None]]] = {}
         for matching in self._under(choices):
+            matching.effort.begin()
             replayed = list(self._replayed(matching, self._histories))
             # the partial matches of this branch have been subsumed
             if not replayed and choices and self._drops:

@@ -24,6 +24,7 @@ from rvaft.engine.compiled_tree import (
 )
 from rvaft.engine.configuration import Configuration, Witness, flattened, history, unflattened
 from rvaft.engine.independent_parts import Component, IndependentPart, components
+from rvaft.engine.partial_matches import NEW
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import UNRANKED, LaneMember, Member, StageGroup, in_order
 from rvaft.engine.stages import Scan, Stage, StageMove, Stages, agree
@@ -223,6 +224,7 @@ class ScatteredMatches(Following):
 
     def restore(self, snapshot: Any) -> None:
         """Restore a snapshot of the same tree."""
+        self.matching.effort.begin()
         groups, self._begun = snapshot
         followed, self.matches, self.lost, (self._base,) = unflattened(groups)
         self.follow(followed)
@@ -231,6 +233,7 @@ class ScatteredMatches(Following):
         """Return the letters that may change something now."""
         if not event_class.serving:
             return NOTHING
+        self.matching.effort.spent = 0  # faster than `begin`; `advance` goes on
         loud, quiet = list[RelevantHit](), self._quiet
         time = self.letters.time(event) if event_class.timed else None
         for admission, moves, held, names, fields in self._candidates(event_class):
@@ -249,6 +252,7 @@ class ScatteredMatches(Following):
 
     def inert(self, event_class: EventClass) -> Inert:
         """Return which events of a class change nothing until another event is read."""
+        self.matching.effort.begin()
         found = self._candidates(event_class)
         return Inert([(one.admission.letter, one.fields) for one in found], self._quiet)
 
@@ -300,7 +304,7 @@ class ScatteredMatches(Following):
         begun, stages, groups = self._begun, self._stages, self._groups
         for order, (values, moves, held, _, _) in enumerate(reading.hits):
             for move, place in moves:
-                group = groups[move.stage]
+                group, count = groups[move.stage], len(found)
                 parts: Sequence[tuple[Iterable[Member], tuple[tuple[Term, Extreme], ...] | None]] = group.everyone
                 compared, joint = move.compared, move.joint
                 many = len(group.members) > _MANY  # few members are visited without the index
@@ -331,6 +335,8 @@ class ScatteredMatches(Following):
                             found.append(_new(NewMatch, ((number, order, place), stage, binding, step, rank)))
                         if enough is not None and all(one.value(binding) == own.of(values) for one, own in enough):
                             break
+                if len(found) > count:
+                    self.matching.effort.spend(NEW * (len(found) - count), "new partial matches")
         self.noted = bool(found or ended)
         if begun != self._begun:
             self._begun, self._set = begun, None
@@ -422,13 +428,14 @@ class ScatteredMatches(Following):
     ) -> Configuration | None:
         """Return a match of a component that extends a partial match by matches of these parts."""
         if not parts:
-            holds = not component.nodes & (configuration.dead | ~configuration.closed)
+            holds = not component.nodes & (configuration.dead | ~(configuration.closed | configuration.held))
             return configuration if holds else None
         ways = [(part, [*self._agreeing(part, configuration.binding)]) for part in parts]
         part, lanes = min(ways, key=lambda way: sum(end - start for _, start, end in way[1]))
         rest = [one for one in parts if one is not part]
         for lane in lanes:
             for member in in_order(*lane, last_first=False):
+                self.matching.effort.spend(len(component.parts), "joins of the matches of independent parts")
                 joined = self._joined(configuration, member.last)
                 whole = None if joined is None else self._match(component, joined, rest)
                 if whole is not None:

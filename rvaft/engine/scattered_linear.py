@@ -82,7 +82,7 @@ def linear_starts(compiled: CompiledTree, letters: TreeLetters) -> StartConditio
     A condition of a shared node through one parent must apply in every scenario with the node. A
     part that may have no events needs equal conditions through all parents.
     """
-    if any(compiled.exported) or compiled.windows or compiled.ends:
+    if any(compiled.exported) or compiled.windows or compiled.pointed or compiled.ends:
         return None
     found = StartConditions([[] for _ in compiled.names], [frozenset()] * len(compiled.names))
     silent, implied = _may_be_silent(compiled), list[int]()

@@ -37,8 +37,8 @@ def strategy_of(prop: Property, semantics: Semantics, *, limit: int, repeat_by: 
 def _latest_starts(prop: Property, limit: int, repeat_by: str | None) -> LatestStarts | None:
     """Return the strategy of a tree with windows or a common variable and without joins, or None."""
     decided = decide_constants(prop)
-    found = None if decided.root is IMPOSSIBLE else units(decided)
-    if found is None or not any(unit.timed or unit.key for unit in found):
+    found = None if decided.root is IMPOSSIBLE else units(decided, points=True)
+    if found is None or not any(unit.timed or unit.key or unit.bounds for unit in found):
         return None
     late = None if prop.time is None else prop.time.late
     if late != 0 and any(unit.distinct and unit.timed for unit in found):

@@ -59,7 +59,12 @@ class SettledChoices:
         unfit, owing = configuration.unfit, configuration.owing
         settled: dict[int, int] = {}
         for part, gate in self._gates.items():
-            if taken & self._below[part] and progress.flags(configuration, part) == TOUCHED | DONE | SURE:
+            undecided = (configuration.held | configuration.failing) & self._below[part]
+            if (
+                taken & self._below[part]
+                and not undecided
+                and progress.flags(configuration, part) == TOUCHED | DONE | SURE
+            ):
                 settled[part] = -1 - gate
         for part in settled:
             others = self._others[part]
@@ -70,7 +75,8 @@ class SettledChoices:
         )
         names = tuple(sorted(configuration.binding))
         absent = configuration.ended, configuration.unanswered, configuration.decided
-        place = taken, dead, closed, broken, unfit, owing, configuration.broken, *absent
+        points = configuration.held, configuration.failing
+        place = taken, dead, closed, broken, unfit, owing, configuration.broken, *absent, *points
         return (place, names, mask_of(-1 - one for one in settled.values())), bool(settled)
 
     def number(self, last: Witness | None) -> int:

@@ -19,6 +19,7 @@ from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration, PartProgress
 from rvaft.errors import TooLarge
 from rvaft.support.bits import bits, mask_of, union
+from rvaft.support.budget import Effort
 
 MEMORY: Final = 20_000
 """The maximum number of cached results."""
@@ -28,10 +29,13 @@ Resolution: TypeAlias = Mapping[int, tuple[int, ...]]
 
 
 class SharedNodes:
-    """The core of a tree; raises `TooLarge` if one search takes more than `limit` steps."""
+    """The core of a tree; raises `TooLarge` if one search takes more than `limit` steps, or all too much `effort`."""
 
-    def __init__(self, compiled: CompiledTree, progress: PartProgress, *, limit: int, early: bool = False) -> None:
+    def __init__(
+        self, compiled: CompiledTree, progress: PartProgress, effort: Effort, *, limit: int, early: bool = False
+    ) -> None:
         self.compiled = compiled
+        self.effort = effort
         self.early = early
         self.progress = progress
         self.limit = limit
@@ -44,7 +48,8 @@ class SharedNodes:
     def classify(self, configuration: Configuration) -> tuple[bool, bool]:
         """Return whether the occurrences are a whole scenario, else a proper part of one."""
         mask = self._mask
-        own = configuration.taken & mask, configuration.dead & mask, configuration.closed & mask
+        decided = configuration.closed & mask, configuration.held & mask
+        own = configuration.taken & mask, configuration.dead & mask, *decided
         parts = tuple([self.progress.flags(configuration, part) for part in self.compiled.parts])
         finished = configuration.ended >> self.compiled.root & 1 > 0
         key = (*own, parts, configuration.inversions, configuration.broken, finished)
@@ -299,7 +304,9 @@ class SharedNodes:
                 node_ahead = (later & -later).bit_length() - 1
                 within_reach |= compiled.child_masks[node_ahead]
                 possible &= -2 << node_ahead
-            if needed & ~within_reach:
+            fits = not needed & ~within_reach
+            self.effort.spend(len(core) if fits else 1, "resolutions of the choices that share nodes")
+            if not fits:
                 continue
             outlook = self._outlook(configuration, kept, touched, ahead)
             if outlook is None:
@@ -322,7 +329,8 @@ class SharedNodes:
         for node in reversed(compiled.core):
             fit = not configuration.dead >> node & 1
             if complete:
-                fit = fit and configuration.closed >> node & (taken >> node | (not compiled.own[node])) & 1 > 0
+                sure = configuration.closed | configuration.held
+                fit = fit and sure >> node & (taken >> node | (not compiled.own[node])) & 1 > 0
             if fit and sum(able >> child & 1 for child in compiled.children[node]) >= compiled.need[node]:
                 able |= 1 << node
         return able

@@ -14,7 +14,7 @@ from typing import Final, NamedTuple, TypeAlias, cast
 from rvaft.core.times import Extreme, TimeDifference
 from rvaft.engine.compiled_tree import NOW, EventClass, Register
 from rvaft.engine.configuration import Configuration, Witness
-from rvaft.engine.partial_matches import Matching, WindowKey
+from rvaft.engine.partial_matches import JointKey, Matching, PointTest, WindowKey
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.stage_group import Bound, RankFunction
 from rvaft.engine.subsumption import Rank, Ranking, Term, commits, ranking, repeats, tendency
@@ -156,7 +156,7 @@ class StageMove:
     """The bound variables that the event must repeat."""
     alone: int
     """The guards that the event alone decides, as bits."""
-    joint: dict[WindowKey, Predicate]
+    joint: dict[JointKey, Predicate]
     """The guards and windows that depend on remembered values too."""
     windows: dict[WindowKey, TimeDifference]
     registers: tuple[Register, ...]
@@ -254,6 +254,12 @@ class Stages:
                 if not all(matching.is_bound(sample, name) for name in one.plus.names)
             )
             deadlines += matching.open_windows(sample) if matching.early else ()
+            deadlines += tuple(
+                one
+                for guard in matching.compiled.pointed
+                if matching.early and not sample.closed >> guard & 1 and self._has_to_hold(sample, guard)
+                for one in matching.point_deadlines(sample, guard)
+            )
 
         def rank(binding: Mapping[str, Json], last: Witness | None) -> Rank:
             found = ranks.of(binding)
@@ -305,13 +311,14 @@ class Stages:
                 own = closing if self.choices is not None else ()
                 alone = mask_of(guard for guard in own if remembered.keys().isdisjoint(compiled.needs[guard]))
                 decided = ((guard, self.matching.test(guard, bound)) for guard in closing if not alone >> guard & 1)
-                joint: dict[WindowKey, Predicate] = {guard: holds for guard, holds in decided if holds is not None}
+                joint: dict[JointKey, Predicate] = {guard: holds for guard, holds in decided if holds is not None}
                 for guard in narrowed:
                     # a time alone fails a guard only if it is undefined; under `scattered` a later event tells
                     if self.choices is None or not remembered.keys().isdisjoint(compiled.needs[guard]):
                         joint[guard] = self.matching.early_test(guard, bound)
                 windows = self.matching.windows_over(stage.sample, node)
                 joint.update((key, window.holds) for key, window in windows.items())
+                joint.update(self.matching.point_tests(stage.sample, node))
                 compared, registers = tuple(name for name in names if name in remembered), compiled.registers[node]
                 found = StageMove(stage, node, compared, alone, joint, windows, registers)
             stage.moves[node] = found
@@ -345,15 +352,19 @@ class Stages:
             own, joined = compiled.exported[move.node], dict[str, Guard]()
             own = (*own, NOW) if move.registers else own
             orders: dict[Term, list[Bound]] = {}
-            needed = [
+            needed = [  # a guard over time points that does not hold may hold later
                 one
                 for one in joint
-                if (one not in move.windows and compiled.certain >> cast("int", one) & 1)
-                or not self.outcome(move, move.alone, tuple(other != one for other in joint))
+                if not isinstance(one, PointTest)
+                and (
+                    (one not in move.windows and compiled.certain >> cast("int", one) & 1)
+                    or not self.outcome(move, move.alone, tuple(other != one for other in joint))
+                )
             ]
             far = set(move.stage.names).difference(own)
             guards = [cast("int", one) for one in needed if one not in move.windows]
             over_times = [move.windows[one] for one in needed if one in move.windows]
+            over_times += self._broken_for_good(move)
             for part, names, timed, differences in chain(*(compiled.conjuncts[one] for one in guards)):
                 if timed:
                     over_times += differences or ()
@@ -377,6 +388,17 @@ class Stages:
                 ranged = [Order(None, (), last_first=False, enough=None)]
             move.scan = Scan((*move.compared, *joined), terms, tuple(ranged))
         return move.scan
+
+    def _broken_for_good(self, move: StageMove) -> Iterator[TimeDifference]:
+        """Iterate over the bounds of guards over time points without which a move is impossible."""
+        joint = [*move.joint]
+        for one in joint:
+            if isinstance(one, PointTest) and one.later:
+                outcomes = tuple(other not in (one, PointTest(one.guard, later=False)) for other in joint)
+                after = self.matching.taken(move.stage.sample, move.node)
+                if after is not None and not self.outcome(move, move.alone, outcomes):
+                    for bound in self.matching.lasting_bounds(after, one.guard):
+                        yield _with_event(bound, move)
 
     def equalities(self, names: frozenset[str], stage: Stage) -> tuple[tuple[str, ...], Terms]:
         """Return variables of a stage, and the terms over other variables that they must equal.
@@ -420,6 +442,20 @@ class Stages:
         """Whether a move is possible for some outcomes of the joint guards."""
         ways = product((True, False), repeat=len(move.joint))
         return len(move.joint) > _MANY or any(self.outcome(move, held, outcomes) for outcomes in ways)
+
+
+def _with_event(bound: TimeDifference, move: StageMove) -> TimeDifference:
+    """Return the bound on the registers before an event, and on its time, in place of those after it."""
+    noted = {one.least: Operator.MIN for one in move.registers}
+    noted |= {one.greatest: Operator.MAX for one in move.registers}
+
+    def changed(extreme: Extreme) -> Extreme:
+        operator = noted.get(extreme.names[0])
+        if operator is None:
+            return extreme
+        return Extreme(operator, (*(name for name in extreme.names if name in move.stage.names), NOW))
+
+    return TimeDifference(changed(bound.plus), changed(bound.minus), bound.most)
 
 
 def _time_bounds(

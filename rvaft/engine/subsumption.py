@@ -53,8 +53,8 @@ from operator import ge
 from typing import Final, NamedTuple, assert_never
 
 from rvaft.core.property import PartKind
-from rvaft.core.times import Extreme
-from rvaft.engine.compiled_tree import Register
+from rvaft.core.times import Extreme, TimeDifference
+from rvaft.engine.compiled_tree import CompiledTree, Register
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration
 from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
@@ -75,9 +75,12 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
         return False
     if any(name not in before.binding for name in compiled.exported[node]):
         return False
-    if any(one.least in after.binding for one in compiled.registers[node]):
+    if any(name in after.binding for one in compiled.registers[node] for name in one[1:]):
         return False
     if (after.unfit, after.broken) != (before.unfit, before.broken):
+        return False
+    open_points = (one for one in compiled.pointed.values() if not after.closed >> one.node & 1)
+    if any(name in after.binding for one in open_points for name in one.times):  # another event may move one
         return False
     part = compiled.part_of[node]
     chosen = (
@@ -253,8 +256,7 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
                 fixed.update(bound)
             for one in differences or ():
                 if one.plus.among(binding).names:
-                    known = all(matching.is_bound(configuration, name) for name in one.plus.names)
-                    above_watermark &= one.plus.operator is Operator.MAX and not known
+                    above_watermark &= one.plus.operator is Operator.MAX and _is_to_grow(matching, configuration, one)
                 ends = Term(-1, _plain(one.plus.among(binding))), Term(1, _plain(one.minus.among(binding)))
                 terms.update((term, None) for term in ends if term.extreme.names)
                 most = _duration(ends[0].extreme, ends[1].extreme, one.most)
@@ -269,7 +271,7 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
                 terms[Term(sign, Extreme(Operator.MAX, (name,)))] = None
             else:
                 fixed.add(name)
-    for register in (compiled.register_of[name] for name in binding if name in compiled.register_of):
+    for register in _registers(compiled, binding):
         both = _interval(register)
         terms.update(dict.fromkeys(_compared(matching, register, both)))
         if matching.early and register.node in compiled.windows and register.node not in compiled.members:
@@ -292,6 +294,20 @@ def ranking(matching: Matching, configuration: Configuration) -> Ranking:
             extent = Extent(rising.index(last), most)
             break
     return Ranking(tuple(sorted(fixed)), tuple(rising), tuple(excluded), tuple(inequalities), above_watermark, extent)
+
+
+def _is_to_grow(matching: Matching, configuration: Configuration, difference: TimeDifference) -> bool:
+    """Whether a later event surely has one of the times from which another is subtracted."""
+    names, register_of = difference.plus.names, matching.compiled.register_of
+    return register_of.keys().isdisjoint(names) and not all(matching.is_bound(configuration, name) for name in names)
+
+
+def _registers(compiled: CompiledTree, binding: Mapping[str, Json]) -> Iterator[Register]:
+    """Yield the registers that are remembered as a whole."""
+    for name in binding:
+        register = compiled.register_of.get(name)
+        if register is not None and name == register.least and register.greatest in binding:  # as a window has
+            yield register
 
 
 def _compared(matching: Matching, register: Register, both: tuple[Term, Term]) -> Iterator[Term]:

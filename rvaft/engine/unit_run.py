@@ -67,6 +67,10 @@ class UnitRun(ABC):
     def kept(self, state: State) -> int:
         """Return the number of matches and events of a state, if times may decrease."""
 
+    def expires(self, state: State, watermark: int) -> bool:  # noqa: ARG002 (most expire by their windows alone)
+        """Drop the matches that later events cannot complete; return whether none is left."""
+        return False
+
     @abstractmethod
     def concerning(self, state: State) -> Iterable[Remembered]:
         """Return the remembered events with which a branch may have a match where this one ends."""

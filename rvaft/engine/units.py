@@ -2,7 +2,8 @@
 
 In a unit nodes are not shared, no event can serve two occurrences that have no order, and no guard
 relates occurrences, but for variables that all occurrences have: the *key*. So each value of the
-key is an *instance* that is followed alone, and the matches of one gate join freely.
+key is an *instance* that is followed alone, and the matches of one gate join freely. Guards may also
+bound differences of time points; the matches of a node then have the times that later bounds need.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,12 +22,14 @@ from rvaft.core.property import (
     One,
     Part,
     Property,
+    Source,
     Times,
     Within,
     Without,
 )
 from rvaft.core.property import Sequence as Ordered
-from rvaft.model.guards import Guard, Operation, Operator, renamed, time_points
+from rvaft.core.times import point_bounds
+from rvaft.model.guards import Guard, Operation, Operator, TimePoint, conjuncts, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, Variable, rigid_variables, substitute
 from rvaft.model.tree import shown_name
@@ -62,6 +65,8 @@ class _Draft:
     window: int | None = None
     event: Event | Times | None = None
     guards: list[Guard] = field(default_factory=list)
+    bounds: list["_DraftBound"] = field(default_factory=list)
+    """The bounds on time points in the guard of the node."""
 
     def leaves(self) -> Iterator["_Draft"]:
         """Iterate over the leaves in order."""
@@ -71,6 +76,31 @@ class _Draft:
             if node.event is not None:
                 yield node
             agenda.extend(reversed(node.parts))
+
+
+class _DraftBound(NamedTuple):
+    """The condition that one time point is at most so much later than another."""
+
+    plus: tuple[_Draft, bool]
+    """A node, and whether its `start` is meant."""
+    minus: tuple[_Draft, bool]
+    most: int
+
+
+class UnitPoint(NamedTuple):
+    """The `start` or `end` of a node."""
+
+    node: int
+    start: bool
+
+
+class PointBound(NamedTuple):
+    """The condition that point `plus` is at most `most` later than point `minus`, for matches of `top`."""
+
+    top: int
+    plus: int
+    minus: int
+    most: int
 
 
 class UnitLeaf(NamedTuple):
@@ -135,6 +165,9 @@ class Unit:
     """The choices above the unit."""
     kept: Mapping[int, tuple[str, ...]]
     """The names of the children of nodes that may keep fewer than all."""
+    points: tuple[UnitPoint, ...] = ()
+    """The time points that guards bound."""
+    bounds: tuple[PointBound, ...] = ()
 
     @property
     def distinct(self) -> bool:
@@ -156,10 +189,11 @@ class _NotApart(Exception):
     """The matches of a tree need joins."""
 
 
-def units(prop: Property, *, branches: bool = True) -> tuple[Unit, ...] | None:
+def units(prop: Property, *, branches: bool = True, points: bool = False) -> tuple[Unit, ...] | None:
     """Return the units of a property with its constants decided, or None if it has joins.
 
-    With `branches` also None if not all events that a branch may need can be remembered.
+    With `branches` also None if not all events that a branch may need can be remembered; without `points`
+    also if a guard has time points.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -168,7 +202,7 @@ def units(prop: Property, *, branches: bool = True) -> tuple[Unit, ...] | None:
     [(('U',), ('x', 'a', 'b')), ((), ('y',))]
     """
     try:
-        root = _drafted(prop)
+        root = _drafted(prop, points=points)
         _push_windows(root)
         found = [_unit(node, chosen, branches=branches) for node, chosen in _alternatives(root)]
     except _NotApart:
@@ -176,10 +210,11 @@ def units(prop: Property, *, branches: bool = True) -> tuple[Unit, ...] | None:
     return tuple(found)
 
 
-def _drafted(prop: Property) -> _Draft:
+def _drafted(prop: Property, *, points: bool) -> _Draft:
     """Return the tree of drafts; raises `_NotApart` for shared nodes and for guards that relate nodes."""
     made: dict[Part, _Draft | None] = {}
     taken: set[Part] = set()
+    timed = list[tuple[_Draft, Guard]]()
 
     def inner(part: Part) -> list[_Draft]:
         found = [(one, draft) for one in part.parts if (draft := made.get(one)) is not None]
@@ -208,9 +243,12 @@ def _drafted(prop: Property) -> _Draft:
                 op = Op.ALL if isinstance(part, All) else Op.SEQUENCE if in_order else Op.ENDS
                 if guards and not below:
                     raise _NotApart
-                made[part] = None if not below else below[0] if len(below) == 1 else _Draft(op, name, below)
+                made[part] = whole = None if not below else below[0] if len(below) == 1 else _Draft(op, name, below)
                 for one in guards:
-                    _push_guard(one, part, below)
+                    if points and whole is not None and time_points(one.guard):
+                        timed.append((whole, one.guard))
+                    else:
+                        _push_guard(one, part, below)
             case One() | AtLeast():
                 below = inner(part)
                 if len(below) < len(part.parts) or (isinstance(part, One) and part.source is None):
@@ -219,9 +257,9 @@ def _drafted(prop: Property) -> _Draft:
                 need = part.need if isinstance(part, AtLeast) else 1
                 op = Op.ONE if isinstance(part, One) else Op.AT_LEAST
                 made[part] = _Draft(op, name, below, kept, need)
-            case Within(parts=(whole,), duration=duration):
-                made[part] = draft = made[whole]
-                taken.add(whole)
+            case Within(parts=(inside,), duration=duration):
+                made[part] = draft = made[inside]
+                taken.add(inside)
                 if draft is not None:
                     draft.window = duration if draft.window is None else min(duration, draft.window)
             case Without():
@@ -230,7 +268,27 @@ def _drafted(prop: Property) -> _Draft:
                 raise AssertionError("a window has one part")
     root = made[prop.root]
     assert root is not None, "a scenario has an event"
+    for place, guard in timed:
+        place.bounds += _bounds_of(guard, prop, made)
     return root
+
+
+def _bounds_of(guard: Guard, prop: Property, made: Mapping[Part, _Draft | None]) -> Iterator[_DraftBound]:
+    """Iterate over the bounds of a guard over time points; raises `_NotApart` if it has anything else."""
+    events = {part.source.node: part for part in made if isinstance(part, Event)}
+
+    def place(point: TimePoint) -> tuple[_Draft, bool]:
+        part = events.get(point.node) if point.point == "at" else prop.wholes.get(Source(point.node, point.number))
+        draft = None if part is None else made.get(part)
+        if draft is None:
+            raise _NotApart
+        return draft, point.point != "end"
+
+    for part in conjuncts(guard):
+        found = [*point_bounds(part)]
+        if not found:
+            raise _NotApart
+        yield from (_DraftBound(place(plus), place(minus), most) for plus, minus, most in found)
 
 
 def _push_guard(condition: Condition, part: Part, below: Sequence[_Draft]) -> None:
@@ -266,7 +324,7 @@ def _values_of(event: Event | Times) -> dict[str, str]:
 
 
 def _push_windows(root: _Draft) -> None:
-    """Move the windows of choices to their children."""
+    """Move the windows of choices, and the bounds on their own time points, to their children."""
     agenda = [root]
     while agenda:
         node = agenda.pop()
@@ -274,6 +332,11 @@ def _push_windows(root: _Draft) -> None:
             for child in node.parts:
                 child.window = node.window if child.window is None else min(node.window, child.window)
             node.window = None
+        if node.op is Op.ONE:
+            for one in [one for one in node.bounds if one.plus[0] is node and one.minus[0] is node]:
+                node.bounds.remove(one)
+                for child in node.parts:
+                    child.bounds.append(one._replace(plus=(child, one.plus[1]), minus=(child, one.minus[1])))
         agenda += node.parts
 
 
@@ -282,6 +345,8 @@ def _alternatives(root: _Draft) -> Iterator[tuple[_Draft, dict[str, str]]]:
     while agenda:
         node, chosen = agenda.pop()
         if node.op is Op.ONE:
+            if node.bounds:
+                raise _NotApart
             ways = zip(node.parts, node.kept, strict=True)
             agenda += [(child, {**chosen, node.name: kept}) for child, kept in ways][::-1]
         else:
@@ -306,17 +371,21 @@ def _unit(root: _Draft, chosen: Mapping[str, str], *, branches: bool) -> Unit:
     key, own = _variables(nodes)
     below_of = _leaves_below(nodes, children)
     guards = _guards(nodes, parent, below_of, key)
-    after, direct, repeats = [-1] * len(nodes), [False] * len(nodes), [False] * len(nodes)
+    points, bounds = _bounds(nodes, number, parent)
+    has_point = {point.node for point in points}
+    after, direct, repeats = [-1] * len(nodes), [False] * len(nodes), [node in has_point for node in range(len(nodes))]
+    timed = [*repeats]
     limits: list[int | None] = [one.window for one in nodes]
     for node, draft in enumerate(nodes):
         gate, slot = parent[node], slots[node]
         if gate < 0:
             continue
+        timed[node] = timed[node] or timed[gate]
         after[node], op = after[gate], nodes[gate].op
         single = isinstance(draft.event, Event)
         if slot and (op is Op.SEQUENCE or (op is Op.ENDS and single)):
             after[node], direct[node] = children[gate][slot - 1], single
-        repeats[node] = repeats[gate] or (slot > 0 and op is Op.ENDS)
+        repeats[node] = repeats[node] or repeats[gate] or (slot > 0 and op is Op.ENDS)
         above = limits[gate]
         limits[node] = above if draft.window is None else draft.window if above is None else min(above, draft.window)
     leaves = list[UnitLeaf]()
@@ -334,10 +403,12 @@ def _unit(root: _Draft, chosen: Mapping[str, str], *, branches: bool) -> Unit:
                     count,
                     own[node],
                     after[node],
-                    limits[node] is not None,
+                    limits[node] is not None or timed[node],
                     names[distinct[0]] if distinct and count > 1 else "",
                 )
             )
+    if bounds and any(leaf.number > 1 for leaf in leaves):
+        raise _NotApart  # the last events need not be the best ones
     _refuse_overlaps(leaves, parent, nodes)
     places = tuple(
         _place(nodes[gate], gate, children[gate], slot) if gate >= 0 else GatePlace(-1, Op.ONE, -1, True, (), 0)
@@ -361,14 +432,46 @@ def _unit(root: _Draft, chosen: Mapping[str, str], *, branches: bool) -> Unit:
         places,
         windows,
         tuple(limits),
-        tuple(limit is None and not again for limit, again in zip(limits, repeats, strict=True)),
+        tuple(limit is None and not again and not bounds for limit, again in zip(limits, repeats, strict=True)),
         tuple(direct),
         tuple(repeats),
         *(_orders(nodes, children, below_of) if choices else ((), ())),
         choices,
         chosen,
         {number: node.kept for number, node in enumerate(nodes) if node.kept},
+        points,
+        bounds,
     )
+
+
+def _bounds(
+    nodes: Sequence[_Draft], number: Mapping[int, int], parent: Sequence[int]
+) -> tuple[tuple[UnitPoint, ...], tuple[PointBound, ...]]:
+    """Return the time points of a unit and their bounds; raises `_NotApart` if a scenario may lack a point."""
+    points, found = dict[UnitPoint, int](), list[PointBound]()
+
+    def place(point: tuple[_Draft, bool]) -> int:
+        if id(point[0]) not in number:
+            raise _NotApart
+        return points.setdefault(UnitPoint(number[id(point[0])], point[1]), len(points))
+
+    for node, draft in enumerate(nodes):
+        for one in draft.bounds:
+            plus, minus = place(one.plus), place(one.minus)
+            places = node, *(point.node for point, place in points.items() if place in (plus, minus))
+            paths = list[list[int]]()
+            for start in places:
+                path = [start]
+                while parent[path[-1]] >= 0:
+                    path.append(parent[path[-1]])
+                paths.append(path)
+            top = max(set(paths[0]).intersection(*paths[1:]))
+            for path in paths:
+                above = path[1 : path.index(top) + 1]
+                if any(nodes[gate].op in (Op.ONE, Op.AT_LEAST) for gate in above):
+                    raise _NotApart
+            found.append(PointBound(top, plus, minus, one.most))
+    return tuple(points), tuple(found)
 
 
 def _place(draft: _Draft, gate: int, children: tuple[int, ...], slot: int) -> GatePlace:

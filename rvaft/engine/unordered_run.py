@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, CountedEvent, Match, Remembered, State, Take, UnitRun
 from rvaft.engine.units import Op, Unit, UnitLeaf
+from rvaft.support.budget import Effort
 
 Front: TypeAlias = list[Match]
 _NONE: Final[Sequence[Match]] = ()
@@ -48,8 +49,9 @@ class PositionUse(NamedTuple):
 class UnorderedRun(UnitRun):
     """A match has its first position, least time, steps, greatest time and last position."""
 
-    def __init__(self, unit: Unit) -> None:
+    def __init__(self, unit: Unit, effort: Effort) -> None:
         super().__init__(unit)
+        self._effort = effort
         self._inside, self._followed = PositionUse.of(unit)
         self.takes = {leaf.node: self._taking(leaf) for leaf in unit.leaves}
 
@@ -213,6 +215,7 @@ class UnorderedRun(UnitRun):
     def _joined(self, pairs: Sequence[tuple[Match, Match]], gate: int, *, before: bool = True) -> list[Match]:
         """Return the joint matches of pairs within the limit: of the children before, and of one more."""
         limit, found = self.unit.limits[gate], list[Match]()
+        self._effort.spend(len(pairs), "ways to join matches")
         for pair in pairs:
             other, one = pair if before else pair[::-1]
             if limit is None:

@@ -60,6 +60,42 @@ class Work:
             raise TooLarge(what, limit=self.limit)
 
 
+VISITS: Final = 20
+"""The visits that one step may take for each partial match that the limit allows."""
+MIN_VISITS: Final = 200_000
+"""The visits, about a second, that one step may take under any limit."""
+
+
+class Effort:
+    """The work of one step of a monitor, over all its searches; raises `TooLarge` beyond the limit.
+
+    >>> effort = Effort(100_000)
+    >>> effort.spend(1_500_000, "ways")
+    >>> effort.begin()
+    >>> effort.spend(1_500_000, "ways")
+    >>> effort.spend(600_000, "ways")
+    Traceback (most recent call last):
+    rvaft.errors.TooLarge: too large: one step of the monitor; it visits too many ways (limit 100000)
+    """
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self._most = max(VISITS * limit, MIN_VISITS)
+        self.spent = 0
+        """The visits of the present step."""
+
+    def begin(self) -> None:
+        """Begin the next step."""
+        self.spent = 0
+
+    def spend(self, visits: int, what: str) -> None:
+        """Count more visits, of a few microseconds each."""
+        self.spent += visits
+        if self.spent > self._most:
+            remedy = "a smaller tree or a branch (--branch N) has fewer choices; --max-configurations allows more"
+            raise TooLarge(f"one step of the monitor; it visits too many {what}", limit=self.limit, remedy=remedy)
+
+
 class Undecided(RvaftError):
     """A question about the scenarios was not decided within the limit."""
 

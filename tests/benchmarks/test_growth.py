@@ -136,6 +136,13 @@ def pairs(count: int, event: str) -> str:
     return f"top and {' '.join(names)} never within 1 h; {leaves}"
 
 
+def guarded(count: int, event: str, guard: str) -> str:
+    """The same choices before an event that never comes, with a guard over the time points of both."""
+    top, leaves = pairs(count, event).split("; ", 1)
+    names = top.removeprefix("top and ").removesuffix(" never within 1 h")
+    return f"top sand a never when {guard}; a and {names}; {leaves}"
+
+
 def few_of_many(gate: str, count: int, event: str) -> str:
     """One gate over leaves in a window within which all of them come, beside a second window."""
     leaves = " ".join(f"p{i} on {event.format(f'p{i}')};" for i in range(count))
@@ -168,11 +175,18 @@ def all_leaves(count: int) -> Log:
 
 
 ONE, USER = 'e("{}", _)', 'e("{}", U)'
+SOON: Final = "start(never) - end(a) <= 10 s"
 NATURAL: Final[dict[str, Callable[[int], tuple[str, Log]]]] = {
     "and of K pairs": lambda k: (pairs(k, ONE), some_pairs(k)),
     "and of K pairs, one user": lambda k: (pairs(k, USER), some_pairs(k)),
     "and of K leaves": lambda k: (few_of_many("and", k, ONE), all_leaves(k)),
     "and of K leaves, one user": lambda k: (few_of_many("and", k, USER), all_leaves(k)),
+    "K pairs, start - end <= 10 s": lambda k: (guarded(k, ONE, SOON), some_pairs(k)),
+    "K pairs, start - end >= 10 s": lambda k: (guarded(k, ONE, "start(never) - end(a) >= 10 s"), some_pairs(k)),
+    "K pairs, two bounds, one user": lambda k: (
+        guarded(k, USER, f"{SOON} and start(never) - start(a) < 1 h"),
+        some_pairs(k),
+    ),
     "third of K leaves": lambda k: (few_of_many(f"{k // 3 + 1}of{k + 1}", k, ONE), all_leaves(k)),
 }
 COUNTS: Final = {
@@ -183,7 +197,7 @@ COUNTS: Final = {
 
 
 @pytest.mark.parametrize("late", ["", " late 0 s"])
-def test_choices_and_counts_in_windows_cost_what_comes(late: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_choices_and_counts_in_time_cost_what_comes(late: str, capsys: pytest.CaptureFixture[str]) -> None:
     """What an event costs with 5, 10, 20 and 40 choices or children, and with counts of 5, 50 and 500."""
 
     def cost(text: str, log: Log, begin: int = 2_000) -> float:

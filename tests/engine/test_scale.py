@@ -3,7 +3,7 @@
 import subprocess
 import sys
 from random import Random
-from typing import Any
+from typing import Any, Final
 
 import pytest
 
@@ -14,6 +14,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
+from rvaft.support import budget
 
 MANY = 1_100
 LEAVES = [f"l{index}" for index in range(MANY)]
@@ -129,6 +130,48 @@ def test_resolutions_of_a_core_are_bounded() -> None:
     monitor = Engine(RVAFT("top", [top, *gates, *ands, *map(Node, used)]), limit=200)
     with pytest.raises(TooLarge, match="o0"):
         list(monitor.run({"event": leaf} for leaf in used))
+
+
+HEAVY: Final = {
+    "resolutions of the choices": (
+        (
+            "top pand a b c; a and x o q; o 1of2 p r; q pand s t; b and x y; c and o z; x on e(4); p on e(3);"
+            " r on e(3); s on e(1); t on e(1); y on e(1); z on e(3);"
+        ),
+        "projected",
+    ),
+    "ways to join matches": (
+        (
+            "time t as s; top sand a b w within 500 s; a 1of2 p q; b and r s; p on e(1); q on e(2); r on e(3);"
+            " s on e(4); w on e(0);"
+        ),
+        "scattered",
+    ),
+    "new partial matches": (
+        "top and a b c; a on e(N) when N != M; b on e(M) when M != K; c on e(K) when K == 1000;",
+        "scattered",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", HEAVY)
+def test_the_work_of_one_step_is_bounded(what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Over all searches of the step; the next step begins anew."""
+    tree, semantics = HEAVY[what]
+
+    def run() -> None:
+        engine, random = Engine(rvaft.loads(f"event e(n) = {{ n: n }}; {tree}"), semantics), Random(1)
+        for number in range(60):
+            event = {"n": random.randint(1, 4), "t": random.randrange(1_000)}
+            if engine.step(event if semantics == "scattered" else {"n": (4, 1, 1, 3, 3)[number % 5]}).final:
+                break
+
+    run()
+    monkeypatch.setattr(budget, "MIN_VISITS", 10)
+    monkeypatch.setattr(budget, "VISITS", 0)
+    with pytest.raises(TooLarge, match=rf"one step of the monitor; it visits too many {what}") as caught:
+        run()
+    assert "--max-configurations" in caught.value.__notes__[0]
 
 
 PROGRAM = """

@@ -23,7 +23,7 @@ SHAPES = {
 
 @pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.ci)])
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("name", readable("automaton", "c", "eql", "ltlf", "mtl", "sql", "sql-duckdb"))
+@pytest.mark.parametrize("name", readable("automaton", "c", "eql", "ltlf", "mtl", "rml", "sql", "sql-duckdb"))
 def test_absent_events_of_random_trees(name: str, shape: str, count: int) -> None:
     random, translator, trees, compared = Random(f"{name} {shape}"), backend(name), 0, 0
     while trees < count:
@@ -113,7 +113,7 @@ def choosing_tree(random: Random, *, guards: bool) -> str:
 
 
 @pytest.mark.parametrize("count", [15, pytest.param(150, marks=pytest.mark.ci)])
-@pytest.mark.parametrize("name", [pytest.param(name, marks=SPOT) for name in ("automaton", "ltlf")])
+@pytest.mark.parametrize("name", readable("automaton", "ltlf", "rml"))
 def test_what_is_absent_before_in_random_trees(name: str, count: int) -> None:
     random, compared = Random(f"before {name}"), 0
     while compared < 4 * count:

@@ -158,6 +158,10 @@ def test_a_tree_says_how_it_is_repeated(tmp_path: Path) -> None:
         assert built.exit_code == 0, built.stderr
         assert status(tmp_path / "built", log.read_bytes(), "--repeat", "--detections")[0] == code
         assert status(tmp_path / "built", log.read_bytes(), "--detections")[0] < 2
+    found = run("monitor", file, log, "--repeat", "--native", "--format", "jsonl", "--detections")
+    assert [json.loads(line)["event"] for line in found.stdout.splitlines()] == wanted
+    for options in (("--backend", "c"), ("--engine", "duckdb")):
+        assert "`repeat by U;`" in run("monitor", file, log, "--repeat", *options).stderr
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 PROGRAMS := tests/export tests/cli/test_processes.py tests/cli/test_show.py tests/cross_check/test_mona.py
 
-.PHONY: converters demo paper docs pictures playground proofs verified test bare check lint sizes types layers slow attack lock bench clean
+.PHONY: converters demo paper docs pictures playground proofs verified test trust bare check lint sizes types layers slow attack lock bench clean
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "rvaft needs Python 3.11 or newer; this is %d.%d (set PYTHON=...)" % sys.version_info[:2])'
@@ -115,6 +115,10 @@ layers: $(STAMP)
 	$(BIN)/lint-imports
 
 check: lint types layers docs test bare
+
+# What is checked, on one page: sections of the definition by participants, and the planted faults that are found.
+trust: $(STAMP)
+	@$(BIN)/python -m tests.faults.trust
 
 slow: $(STAMP)
 	$(BIN)/python -m pytest -m slow

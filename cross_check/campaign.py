@@ -12,13 +12,13 @@ from cross_check.comparison import Comparison, Roster
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.results import Job, Result, Status, raised
 from cross_check.traces import Effort
-from rvaft.api import loads
 from rvaft.core.branches import branches, restrict
 from rvaft.errors import TreeError
 from rvaft.model.guards import FUNCTIONS, Operation, Operator, time_points
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.tree import RVAFT
+from rvaft.rules.loading import loads
 from rvaft.rules.validity import require_valid
 from rvaft.support.processes import Killed, in_processes
 
@@ -128,6 +128,16 @@ _IN_PRACTICE: Final = {
     "pand over counted leaves": "r pand p q; p and a b; q and c d; a times 2;",
     "pand over sequences": "r pand p q; p sand a b; q sand c d;",
     "pand over parts that begin with each other's events": "r pand p q; p and a s; q and s b;",
+    "times 2 of different values": "r sand a b; a on read(V) times 2 distinct V; b;",
+    "times 3 of different values, in a window": "time t as s; r and a within 5 s; a on read(V) times 3 distinct V;",
+    "times 2 with values of their own": "r sand a b; a on read(V) when V > 2 times 2 each V; b;",
+    # absent events
+    "without, between, without a guard": 'r sand a b without seen("c");',
+    "without, between": "r sand a b without read(V) when V > 2;",
+    "without, before": 'r sand a b; b without seen("c") before;',
+    "without, a time before": 'time t as s; r sand a b; b without seen("c") for 2 s before;',
+    "without, a time after": 'time t as s; r sand a b; b without seen("c") for 2 s after;',
+    "without, of the same value": "r sand a b; a on read(V); b without seen(V) before;",
     # windows
     "within, a sequence": "time t as s; r sand a b c within 5 s;",
     "within 0 s": "time t as ns; r and a b within 0 s;",

@@ -38,13 +38,12 @@ from cross_check.participants import (
     reports_detections_only,
     translated,
 )
-from cross_check.plain import plainer
 from cross_check.product import Exploration
 from cross_check.published_monitor import NAME as PUBLISHED
 from cross_check.published_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, NOTHING, Difference, Job, Result, Status, raised, reason
+from cross_check.simpler_traces import plainer
 from cross_check.traces import Effort, Trace, letters_of, trials
-from rvaft.api import narrowed
 from rvaft.backend import Match
 from rvaft.core.branches import restrict
 from rvaft.errors import NoVerdict, TooLarge
@@ -54,6 +53,7 @@ from rvaft.model.nodes import Assumption, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.rules.validity import valid_part
 from rvaft.semantics import matches
 from rvaft.semantics.reference import chosen_scenarios
 from rvaft.support.budget import Expired, Undecided, within
@@ -154,7 +154,7 @@ def cross_check(
     >>> [result.text for result in cross_check(rvaft.loads("top and a b;"), "projected", backends=["ltlf"])]
     ['baseline', 'proved', 'proved']
     """
-    narrowed(tree, branch, kind)
+    valid_part(tree, branch, kind)
     roster = Roster(
         None if backends is None else tuple(backends), tuple(handwritten(one, run_c=run_c) for one in against)
     )
@@ -173,6 +173,8 @@ _BROKEN: Final = 5
 """One of so many traces may break the assumptions of the tree that `--against` compares with."""
 _OUTSIDE: Final = 200
 """Maximum number of traces that break an assumption on which a text that a person wrote is tried."""
+_REMEMBERED: Final = 300
+"""Maximum number of states of a proof with a participant that remembers all events."""
 
 
 def _place(wanted: Sequence[Verdict], got: Sequence[Verdict]) -> int | None:
@@ -488,13 +490,15 @@ class Comparison:
 
     def _explore(self, able: list[_Row]) -> None:
         participants = [row.participant for row in able if row.participant is not None]
-        why = ""
+        why, most = "", self.effort.states
+        if any(one.remembers for one in participants):
+            most = min(most, _REMEMBERED)
         try:
             with within(self.effort.seconds), ExitStack() as limits:
                 for row in able:
                     limits.enter_context(row.spending())
                 letters = letters_of((one.observed or () for one in participants), proof=True)
-                found = Exploration(participants, letters, limit=self.effort.states)
+                found = Exploration(participants, letters, limit=most)
         except (Expired, Undecided, TooLarge) as stopped:
             match stopped:
                 case Expired():
@@ -524,7 +528,7 @@ class Comparison:
             elif number and found.complete:
                 row.status = Status.PROVED
             elif number:
-                row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {self.effort.states} reached"
+                row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {most} reached"
 
     def _test(self) -> bool:
         baseline, *others = self._present

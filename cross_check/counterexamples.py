@@ -34,7 +34,6 @@ from cross_check.participants import (
 )
 from cross_check.results import DETECTIONS_ONLY, Difference, Job, Result, Status
 from cross_check.shrink import shrink
-from rvaft.api import load as load_tree
 from rvaft.backend import all_backends
 from rvaft.errors import RvaftError
 from rvaft.language.printer import dumps
@@ -43,6 +42,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.readers.json_lines import read
+from rvaft.rules.loading import load as load_tree
 from rvaft.support.files import opened_within
 from rvaft.support.terminal import visible
 

@@ -14,12 +14,11 @@ from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
 from cross_check.confined_text import ConfinedText, require_permission
 from cross_check.letters import ties
 from cross_check.results import Status
-from rvaft.api import loads
 from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
 from rvaft.core.branches import restrict
 from rvaft.core.build import build
+from rvaft.core.feasibility import most_scenarios
 from rvaft.core.passes import property_of
-from rvaft.core.scenario_space import most_scenarios
 from rvaft.core.scenarios import LIMIT
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
@@ -35,6 +34,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
+from rvaft.rules.loading import loads
 from rvaft.semantics import Reference
 from rvaft.semantics.reference import Partial
 from rvaft.support.budget import Budget
@@ -71,6 +71,7 @@ class Participant:
     - `assumes`: what traces keep on which a text that a person wrote has to agree.
     - `written`: this text, whose constants the traces try, before those of `known`, a translation.
     - `times`: the declaration of times that the text has from the tree.
+    - `remembers`: its state has all events so far, so that few proofs end.
     """
 
     name: str
@@ -88,6 +89,7 @@ class Participant:
     written: str = ""
     known: str = ""
     times: str = ""
+    remembers: bool = False
 
     def answers(self, traces: Sequence[Sequence[Json]]) -> list[tuple[Verdict, ...]]:
         """Return the verdict after every prefix of each trace."""
@@ -188,11 +190,14 @@ def loaded(name: str) -> Backend | None:
 
 def times_matter(tree: RVAFT) -> bool:
     """Return whether verdicts can depend on event times."""
-    return tree.time is not None and (tree.time.late is not None or property_of(tree).timed)
+    if tree.time is None:
+        return False
+    prop = property_of(tree)
+    return tree.time.late is not None or prop.timed or any(one.duration is not None for one in prop.absences)
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
-    """Return the patterns that a tree's verdicts depend on: runtime, alphabet and ignored events.
+    """Return the patterns that a tree's verdicts depend on: runtime, alphabet, ignored and absent events.
 
     A variable of a single, uncounted runtime event is local if all guards on it concern only that
     event.
@@ -214,6 +219,8 @@ def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
         # meet its guards.
         shared = chain(*(guards.get(name, []) for name in names if name not in own))
         found += [Observed(pattern, guard).untied() for guard in shared]
+    for _, clause, pattern in tree.absences:
+        found += [Observed(pattern).untied(tree.own_variables(clause)), Observed(pattern, clause.when).untied()]
     found += [Observed(entry.pattern, entry.when).untied() for entry in tree.alphabet]
     found += [Observed(tree.instantiate(ignore.on), ignore.when).untied() for ignore in tree.ignores]
     return tuple(dict.fromkeys(found))
@@ -244,7 +251,14 @@ def reference_of(
         raise TooLarge(f"about {scenarios:.0e} scenarios to try one by one", limit=LIMIT)
     first = _CountedReference(tree, semantics, branch=branch, kind=kind)
     part = restrict(tree, branch=branch, kind=kind)
-    return Participant(name, first.fork, observed=observed_by(part), timed=times_matter(part), budget=first.budget)
+    return Participant(
+        name,
+        first.fork,
+        observed=observed_by(part),
+        timed=times_matter(part),
+        remembers=bool(tree.absences),
+        budget=first.budget,
+    )
 
 
 class _CountedReference(Reference):

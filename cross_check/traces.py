@@ -16,8 +16,8 @@ from cross_check.letters import Letters, letters, with_twins
 from cross_check.participants import Participant, literals, times_matter
 from cross_check.results import Job
 from rvaft.backend import Observed
+from rvaft.core.feasibility import fewest_events
 from rvaft.core.passes import property_of
-from rvaft.core.scenario_space import fewest_events
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Anything
 from rvaft.model.tree import RVAFT
@@ -90,14 +90,15 @@ def trials(
     for number in range(effort.traces):
         tree, known = trees[number // 4 % len(trees)], scenarios[number // 4 % len(trees)]
         try:
-            trace = None if number % 4 == 0 else guided(random, tree, job.semantics, manner, known)
+            broken = bool(tree.absences) and number % 4 == 2
+            trace = None if number % 4 == 0 else guided(random, tree, job.semantics, manner, known, broken=broken)
         except NoTraceFound:
             trace = None
         if trace is None:
             trace = random_trace(random, tree, max_length=min(longest, SHORTEST))
         elif number % 4 != 1:
             edited = None if number % 4 == 2 else with_constant(random, trace, constants)
-            trace = edited or disturbed(random, trace, tree, values)
+            trace = trace if broken else edited or disturbed(random, trace, tree, values)
         yield _undefined(clock, trace) if number % _UNDEFINED == _UNDEFINED - 1 else trace
 
 

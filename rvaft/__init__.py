@@ -146,7 +146,7 @@ _MODULE_OF: Final = {name: "rvaft.api" for name in __all__ if name != "__version
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        value: object = import_module("importlib.metadata").version("rvaft")
+        value: object = import_module("rvaft.support.plugins").version()
     elif name in _MODULE_OF:
         value = getattr(import_module(_MODULE_OF[name]), name)
     else:

@@ -4,10 +4,8 @@
 drawings are imported on use: a translation needs neither.
 """
 
-import os
 from collections.abc import Iterable, Iterator, Mapping
-from enum import StrEnum
-from typing import Any, Final, TypeVar, Unpack
+from typing import Any, Final
 
 from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
 from rvaft.core.branches import Branch
@@ -28,11 +26,9 @@ from rvaft.errors import (
     WrongType,
     expect,
 )
-from rvaft.language.draft import Draft
-from rvaft.language.parser import TreeOptions, parse, parse_file
 from rvaft.language.printer import dumps
 from rvaft.model.nodes import Causality, EventType, Gate, Ignore, Kind, Node, On, Side, Topic, Without
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import (
     DEFAULT_LIMIT,
@@ -45,9 +41,9 @@ from rvaft.monitors import (
     Pending,
     Repetition,
 )
+from rvaft.rules.loading import load, loads
 from rvaft.rules.rule import Finding, Severity
-from rvaft.rules.validity import check_draft, require_valid, valid_part
-from rvaft.support.collector import no_collections
+from rvaft.rules.validity import valid_part
 
 __all__ = [
     "RVAFT",
@@ -104,8 +100,6 @@ __all__ = [
 
 _TREE: Final = "an RVAFT, as rvaft.load returns it"
 
-Choice = TypeVar("Choice", bound=StrEnum)
-
 
 def translate(
     tree: RVAFT,
@@ -134,7 +128,7 @@ def translate(
     expect("limit", limit, int | None, "an int")
     expect("mapping", mapping, Mapping | None, "a mapping of event types")
     speaks = backend(language) if mapping is None else backend(language).mapped(mapping)
-    return speaks.translate(narrowed(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit)
+    return speaks.translate(valid_part(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit)
 
 
 def monitor(
@@ -163,7 +157,9 @@ def monitor(
     expect("limit", limit, int, "an int")
     expect("repeat", repeat, bool, "a bool")
     expect("repeat_by", repeat_by, str | None, "a str")
-    part, meaning = narrowed(tree, branch, kind), resolve_semantics(tree, semantics)
+    part, meaning = valid_part(tree, branch, kind), resolve_semantics(tree, semantics)
+    from rvaft.engine.monitor import repeating_engine  # noqa: PLC0415 -- imported on use
+
     repeat = repeat or repeat_by is not None
     engine = repeating_engine(part, meaning, limit=limit, repeat=repeat, by=repeat_by)
     return Repetition(engine) if repeat else engine
@@ -230,103 +226,3 @@ def to_dot(
         stagger=stagger,
     )
     return dot_text(tree, look)
-
-
-def _notebook_svg(tree: RVAFT) -> str | None:
-    from rvaft.export.dot import picture  # noqa: PLC0415 -- imported on use
-
-    try:
-        return picture(to_dot(tree), "svg", timeout=20).decode()
-    except (ToolMissing, ToolFailed):
-        return None
-
-
-def _branch_text(branch: Branch) -> str:
-    from rvaft.export.property_text import property_text  # noqa: PLC0415 -- imported on use
-
-    return property_text(branch)
-
-
-RVAFT.notebook_svg = staticmethod(_notebook_svg)
-Branch.text = staticmethod(_branch_text)
-
-
-def repeating_engine(
-    tree: RVAFT, semantics: Semantics, *, limit: int = DEFAULT_LIMIT, repeat: bool = False, by: str | None = None
-) -> Monitor:
-    """Return the engine of a tree or part that may be repeated, each value of a variable for itself if `by` or the
-    tree names one.
-    """
-    from rvaft.engine.monitor import Engine  # noqa: PLC0415 -- imported on use
-
-    return Engine(narrowed(tree), semantics, limit=limit, repeat_by=by or (tree.repeat_by if repeat else None))
-
-
-def narrowed(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:
-    """Return the tree, or its restriction to a branch or kind; raises `TreeError`."""
-    return valid_part(tree, branch, None if kind is None else one_of(Kind, kind))
-
-
-def resolve_semantics(tree: RVAFT, semantics: Semantics | str | None = None) -> Semantics:
-    """Return the given semantics, else that of the tree, else `projected`; raises `OptionError`.
-
-    >>> resolve_semantics(loads("semantics scattered; top or a b;"))
-    <Semantics.SCATTERED: 'scattered'>
-    """
-    return (tree.semantics or Semantics.PROJECTED) if semantics is None else one_of(Semantics, semantics)
-
-
-def one_of(choices: type[Choice], value: Choice | str) -> Choice:
-    """Return the member of an enumeration with that value; raises `OptionError`."""
-    try:
-        return choices(value)
-    except ValueError:
-        known = ", ".join(choice.value for choice in choices)
-        raise OptionError(f"unknown {choices.__name__.lower()} {value!r}; known: {known}") from None
-
-
-@no_collections()
-def loads(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> RVAFT:
-    """Return the tree in a text; imports are relative to the folder of `file`.
-
-    `confine_imports` refuses imports from outside that folder. `strict_galileo` refuses the dynamic
-    gates of Galileo, which are otherwise read as observed failures. `year` is for a format of times
-    that has none. Raises `LanguageError` for
-    invalid text and `TreeError` for a broken rule.
-
-    >>> loads("top sand a b;")
-    <RVAFT top: 3 nodes>
-    """
-    expect("the text of a tree", text, str, "a str")
-    return _checked(parse(text, file, **reading))
-
-
-@no_collections()
-def load(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> RVAFT:
-    """Return the tree in a file, also in Galileo's format; raises `OSError` and the errors of
-    `loads`.
-
-    >>> load("trees/gates/and.rvaft")
-    <RVAFT top: 4 nodes>
-    """
-    expect("the path of a tree", path, str | os.PathLike, "a str or a path")
-    return _checked(parse_file(path, **reading))
-
-
-def _checked(draft: Draft) -> RVAFT:
-    _raise_first(check_draft(draft))
-    tree = draft.build()
-    try:
-        require_valid(tree)  # caches the result
-    except TreeError:
-        from rvaft.rules.registry import check_tree  # noqa: PLC0415 -- imported on use
-
-        _raise_first(check_tree(tree))
-        raise
-    return tree
-
-
-def _raise_first(findings: Iterable[Finding]) -> None:
-    for finding in findings:
-        if finding.severity is Severity.ERROR:
-            raise TreeError(f"{finding.place}: {finding.message}", rule=finding.code, nodes=finding.nodes)

@@ -11,8 +11,8 @@ from enum import Enum
 from itertools import islice
 from typing import Final, NamedTuple, TypeAlias, assert_never
 
+from rvaft.core.overlaps import overlaps
 from rvaft.core.passes import Pass
-from rvaft.core.patterns import overlaps
 from rvaft.core.property import (
     PARTS,
     All,

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from enum import StrEnum
 from importlib import import_module
 from types import UnionType
-from typing import Any, Final, NamedTuple, assert_never
+from typing import Any, Final, NamedTuple, TypeVar, assert_never
 
 _LONGEST: Final = 300
 """Longer lines of a text are not quoted."""
@@ -272,6 +272,18 @@ def expect(what: str, value: object, kind: type | UnionType, expected: str) -> N
     """Raise `WrongType` unless an argument has this type."""
     if not isinstance(value, kind):
         raise WrongType(what, value, expected)
+
+
+Choice = TypeVar("Choice", bound=StrEnum)
+
+
+def one_of(choices: type[Choice], value: Choice | str) -> Choice:
+    """Return the member of an enumeration with that value; raises `OptionError`."""
+    try:
+        return choices(value)
+    except ValueError:
+        known = ", ".join(choice.value for choice in choices)
+        raise OptionError(f"unknown {choices.__name__.lower()} {value!r}; known: {known}") from None
 
 
 class OptionError(RvaftError, ValueError):

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 
 from backends.absences import refuse_timeless, without_vacuous
 from backends.automaton.determinise import HOPELESS, Automaton, determinised, minimised, refined
-from backends.automaton.diagram import BEFORE, READABLE, diagram
 from backends.automaton.hoa_reader import HoaMonitor, formal, program
 from backends.automaton.hoa_writer import title_of, write
 from backends.automaton.letters import FeasibleLetters, Relevance
@@ -71,6 +70,8 @@ class AutomatonBackend(Backend):
         """Return the minimal automaton as DOT; raises `TooLarge` beyond `limit` states
         (`READABLE`).
         """
+        from backends.automaton.diagram import BEFORE, READABLE, diagram  # noqa: PLC0415 -- a drawing, imported on use
+
         semantics, most = Semantics(semantics), READABLE if limit is None else limit
         prop = _sayable(self.prepared(tree, semantics), semantics)
         if prop.absences and semantics.projects:

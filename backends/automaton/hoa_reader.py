@@ -21,7 +21,7 @@ from rvaft.backend import Observed
 from rvaft.core.classifier import Decided, PatternIndex
 from rvaft.core.times import timed
 from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, error_at, installed, unwritten
-from rvaft.export.certificates import EventConditions
+from rvaft.export.event_conditions import EventConditions
 from rvaft.language.parser import parse_guard, parse_pattern, parse_time
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard

@@ -13,7 +13,7 @@ from itertools import chain
 from typing import NamedTuple, TypeAlias
 
 from rvaft.backend import Observed
-from rvaft.core.patterns import LeastEvent, Overlaps, least
+from rvaft.core.overlaps import LeastEvent, Overlaps, least
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.support.bits import bits, mask_of, union

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from functools import cache
 
 from backends.absences import OpenClauses, breaking_event, require_unbroken
-from rvaft.core.patterns import overlaps
+from rvaft.core.overlaps import overlaps
 from rvaft.core.property import Event, Property, Without
 from rvaft.core.residual import Move, Residual
 from rvaft.core.scenarios import Ready, Scenario, scenarios

@@ -7,10 +7,11 @@ import click
 
 from backends.c import CBackend
 from backends.c.library import CAPACITY, build_program, require_compiler
-from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import options
 from rvaft.model.nodes import Kind
+from rvaft.model.tree import resolve_semantics
 from rvaft.model.verdict import Semantics
+from rvaft.rules.validity import valid_part
 from rvaft.support.files import require_target
 
 MOST: Final = 1 << 22
@@ -47,7 +48,7 @@ def build_command(
     with options.suggesting():
         language = CBackend() if repeat_by is None else CBackend().repeating(repeat_by)
         text = language.translate(
-            narrowed(loaded, branch, kind), resolve_semantics(loaded, semantics), limit=limit
+            valid_part(loaded, branch, kind), resolve_semantics(loaded, semantics), limit=limit
         ).text
     build_program(text, Path(output), capacity)
     return 0

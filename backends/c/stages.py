@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from itertools import chain
 from typing import Final, NamedTuple
 
-from rvaft.core.patterns import compatible
+from rvaft.core.overlaps import compatible
 from rvaft.core.property import Event, Part, Property, Without
 from rvaft.core.scenarios import Ready, Scenario, scenarios
 from rvaft.core.times import Extreme, TimeDifference, differences

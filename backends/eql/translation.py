@@ -14,7 +14,7 @@ from typing import ClassVar, Final, NoReturn, cast
 from backends.absences import clauses_of
 from backends.field_conditions import FieldConditions, FieldPath, Lack
 from backends.orders import GuardedEvent, Orders, merged
-from rvaft.core.patterns import overlaps
+from rvaft.core.overlaps import overlaps
 from rvaft.core.property import Event, Part, Property, Within, Without
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, Reason, TooLarge, cannot, naming, unwritten

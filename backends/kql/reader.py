@@ -29,7 +29,11 @@ tabular: name step* | "union" name ("," name)* -> union
     | "|" "project" column ("," column)* -> project
     | "|" "join" "kind" "=" "inner" name "on" pair ("," pair)* -> join
     | "|" "join" "kind" "=" "leftanti" name "on" pair ("," pair)* -> without
-    | "|" "summarize" name "=" "min" "(" name ")" "by" name ("," name)* -> summarize
+    | "|" "extend" column ("," column)* -> extend
+    | "|" "sort" "by" key ("," key)* -> sort
+    | "|" "summarize" extreme ("," extreme)* "by" name ("," name)* -> summarize
+extreme: name "=" EXTREME "(" name ")"
+key: name ORDER
 column: name "=" or_
 pair: "$left" "." name EQUAL "$right" "." name
 ?or_: and_ | and_ ("or" and_)+ -> either
@@ -47,7 +51,9 @@ name: NAME | QUOTED
 EQUAL: "=="
 COMPARE: "!=" | "<=" | ">=" | "<" | ">"
 TEXTUAL: "startswith_cs" | "endswith_cs" | "contains_cs"
-FUNCTION.2: /(not|abs|isnotnull|max_of|min_of|bag_pack|pack_array)(?=\()/
+FUNCTION.2: /(not|abs|isnotnull|max_of|min_of|bag_pack|pack_array|prev|row_number)(?=\()/
+EXTREME: "min" | "max"
+ORDER: "asc" | "desc"
 SIGN: "+" | "-"
 TRUTH.2: /(true|false)\b/
 SPAN.3: /[0-9]+(microsecond|tick|ms|d|h|m|s)\b/
@@ -79,6 +85,8 @@ _COMPARE: Final[Mapping[str, Callable[[Any, Any], bool]]] = {
     ">=": operator.ge,
 }
 _LARGEST: Final = 2**63
+_PLACE: Final = "\0"
+"""In a row that `extend` changes, all rows and its place."""
 _DEEPEST: Final = 100
 _ORDERED: Final = frozenset({"long", "real", "datetime", "timespan"})
 _ESCAPES: Final = {"n": "\n", "r": "\r", "t": "\t"}
@@ -97,6 +105,8 @@ class _Expression(NamedTuple):
 class _Tabular(NamedTuple):
     types: Mapping[str, str]
     of: Callable[[_Rows], _Rows]
+    sorted: bool = False
+    """Whether the rows have an order, which `prev` and `row_number` need."""
 
 
 @cache
@@ -108,7 +118,7 @@ class KqlProgram:
     """A query with its table; raises `LanguageError` for other texts."""
 
     def __init__(self, text: str) -> None:
-        self._depth = 0
+        self._depth, self._sorted = 0, False
         self.every = re.search(r"^// .*: every match\.$", text, re.MULTILINE) is not None
         self.source, header, self.time = text, TableHeader.read(text, "//"), declared_time(text, "//")
         if header is not None and header.kind == "double":
@@ -223,7 +233,7 @@ class KqlProgram:
 
     def _where(self, table: _Tabular, step: Any) -> _Tabular:
         test = self._expression(step.children[0], table.types, "bool")
-        return _Tabular(table.types, lambda source: [row for row in table.of(source) if test.of(row) is True])
+        return table._replace(of=lambda source: [row for row in table.of(source) if test.of(row) is True])
 
     def _project(self, table: _Tabular, step: Any) -> _Tabular:
         made = [(self._name(one.children[0]), self._expression(one.children[1], table.types)) for one in step.children]
@@ -232,23 +242,63 @@ class KqlProgram:
             raise self._wrong("two columns have one name", step)
         return _Tabular(types, lambda source: [{name: one.of(row) for name, one in made} for row in table.of(source)])
 
-    def _summarize(self, table: _Tabular, step: Any) -> _Tabular:
-        made, least, *names = map(self._name, step.children)
-        if unknown := [name for name in (least, *names) if name not in table.types]:
-            raise self._wrong(f"no column {unknown[0]}", step)
-        if len({made, *names}) <= len(names):
+    def _extend(self, table: _Tabular, step: Any) -> _Tabular:
+        self._sorted = table.sorted
+        made = [(self._name(one.children[0]), self._expression(one.children[1], table.types)) for one in step.children]
+        self._sorted = False
+        types = {name: expression.type for name, expression in made}
+        if len(types) < len(made) or types.keys() & table.types.keys():
             raise self._wrong("two columns have one name", step)
-        if table.types[least] not in _ORDERED:
-            raise self._wrong(f"a value of type {table.types[least]} has no minimum", step)
+
+        def extended(source: _Rows) -> _Rows:
+            rows = table.of(source)
+            placed = [{**row, _PLACE: (rows, place)} for place, row in enumerate(rows)]
+            return [
+                {**row, **{name: one.of(inner) for name, one in made}} for row, inner in zip(rows, placed, strict=True)
+            ]
+
+        return table._replace(types={**table.types, **types}, of=extended)
+
+    def _sort(self, table: _Tabular, step: Any) -> _Tabular:
+        """Return sorted rows; those with equal keys change places, since Kusto does not keep their order."""
+        keys = [(self._name(key.children[0]), key.children[1] == "desc") for key in step.children]
+        for name, _ in keys:
+            if table.types.get(name) not in {*_ORDERED, "string"}:
+                raise self._wrong(f"rows are not sorted by {name}", step)
+
+        def ordered(source: _Rows) -> _Rows:
+            rows = table.of(source)[::-1]
+            for name, falling in reversed(keys):
+                rows.sort(key=lambda row: (row[name] is not None, row[name]), reverse=falling)
+            return rows
+
+        return table._replace(of=ordered, sorted=True)
+
+    def _summarize(self, table: _Tabular, step: Any) -> _Tabular:
+        extremes = [one for one in step.children if one.data == "extreme"]
+        names = [self._name(one) for one in step.children if one.data == "name"]
+        made = {self._name(one.children[0]): (str(one.children[1]), self._name(one.children[2])) for one in extremes}
+        if unknown := [name for name in (*(of for _, of in made.values()), *names) if name not in table.types]:
+            raise self._wrong(f"no column {unknown[0]}", step)
+        if len({*made, *names}) < len(extremes) + len(names):
+            raise self._wrong("two columns have one name", step)
+        for _, of in made.values():
+            if table.types[of] not in _ORDERED:
+                raise self._wrong(f"a value of type {table.types[of]} has no minimum", step)
 
         def summarized(source: _Rows) -> _Rows:
-            found: dict[tuple[Any, ...], list[Any]] = {}
+            found: dict[tuple[Any, ...], _Rows] = {}
             for row in table.of(source):
-                found.setdefault(tuple(row[name] for name in names), []).append(row[least])
-            values = ((key, [one for one in some if one is not None]) for key, some in found.items())
-            return [{**dict(zip(names, key, strict=True)), made: min(some, default=None)} for key, some in values]
+                found.setdefault(tuple(row[name] for name in names), []).append(row)
 
-        return _Tabular({**{name: table.types[name] for name in names}, made: table.types[least]}, summarized)
+            def value(rows: _Rows, word: str, of: str) -> Any:
+                return (min if word == "min" else max)(_known(row[of] for row in rows), default=None)
+
+            groups = ((dict(zip(names, key, strict=True)), rows) for key, rows in found.items())
+            return [{**own, **{name: value(rows, *how) for name, how in made.items()}} for own, rows in groups]
+
+        types = {name: table.types[name] for name in names} | {name: table.types[of] for name, (_, of) in made.items()}
+        return _Tabular(types, summarized)
 
     def _pairs(self, left: _Tabular, right: _Tabular, step: Any) -> list[tuple[str, str]]:
         """Return the columns on which a step joins two tables."""
@@ -361,6 +411,13 @@ class KqlProgram:
                 return _Expression(type_, lambda row: extreme(_known(part.of(row) for part in parts), default=None))
             case "isnotnull" if len(parts) == 1:
                 return _Expression("bool", lambda row: parts[0].of(row) is not None)
+            case "prev" if self._sorted and (len(parts) == 1 or (len(parts) == 2 and tree.children[2].data == "whole")):
+                shift = 1 if len(parts) == 1 else parts[1].of({})
+                return _Expression(parts[0].type, lambda row: _earlier(row, parts[0], shift))
+            case "row_number" if (
+                self._sorted and len(parts) == 2 and (parts[0].type, parts[1].type) == ("long", "bool")
+            ):
+                return _Expression("long", lambda row: _numbered(row, *parts))
             case "pack_array":
                 return _Expression("array", lambda row: [part.of(row) for part in parts])
             case "bag_pack" if len(parts) % 2 == 0 and {part.type for part in parts[::2]} == {"string"}:
@@ -385,6 +442,23 @@ class KqlProgram:
 
     def _of_truth(self, _tree: Any, word: Token) -> _Expression:
         return _constant("bool", word == "true")
+
+
+def _earlier(row: _Row, part: _Expression, shift: int) -> Any:
+    """Return a value in the row that is some places before; a text is empty without it."""
+    rows, place = row[_PLACE]
+    if not 0 <= place - shift < len(rows):
+        return "" if part.type == "string" else None
+    return part.of(rows[place - shift])
+
+
+def _numbered(row: _Row, start: _Expression, restart: _Expression) -> int:
+    """Return the number of a row, which starts again where a condition holds."""
+    rows, place = row[_PLACE]
+    first = place
+    while first and restart.of({**rows[first], _PLACE: (rows, first)}) is not True:
+        first -= 1
+    return int(start.of(row)) + int(place) - int(first)
 
 
 def _constant(type_: str, value: Json) -> _Expression:

@@ -10,6 +10,9 @@ joined. The translation depends on these facts of the documentation:
   and never to times. `max_of` and `min_of` skip null, so bounds of times are bounds of pairs.
 - Keys of a join have one type; other variables are compared after the join.
 
+A counted leaf is one row (`backends.joins`): `prev` finds its first event among sorted rows. Different
+values are ranked by their latest event in the window, which a join finds.
+
 The matches that a `without` breaks are joined with the absent events, and removed by `leftanti`. For
 `without … after`, `summarize` finds the first later row whose time decides the clause.
 """
@@ -22,13 +25,13 @@ from decimal import Decimal
 from itertools import product
 from typing import Final, NamedTuple, assert_never
 
-from backends.joins import JoinedScenario, joined_scenarios, variable_paths
+from backends.joins import COUNTED, JoinedScenario, joined_scenarios, variable_paths
 from backends.tables import Path, Table, TableHeader, column_types, time_line
 from rvaft.backend import Metrics
-from rvaft.core.patterns import compatible
+from rvaft.core.overlaps import compatible
 from rvaft.core.property import AtLeast, Event, Property, Without, chooses
 from rvaft.core.times import Extreme, differences, untimed
-from rvaft.errors import NotExpressible, TreeError, unwritten
+from rvaft.errors import NotExpressible, TooLarge, TreeError, unwritten
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import UNITS
 from rvaft.model.guards import COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, value, variables
@@ -42,7 +45,7 @@ _TOKEN: Final = re.compile(r'"(?:[^"\\]|\\.)*"|[\w.$]+|[<>=!]=|\S')
 _PLAIN: Final = re.compile(r"(?!has_|.*_cs$|.*__$)(?:[A-Z]|_(?!_)|[a-z]+[A-Z0-9_])[A-Za-z0-9_]*")
 """Names that are no keywords: most keywords are one word in small letters."""
 _WORD: Final = re.compile("[A-Za-z][A-Za-z0-9_]*")
-_OWN: Final = ("pos", "time", "trace", "one")
+_OWN: Final = ("pos", "time", "trace", "one", "rank")
 _NAME: Final = re.compile("[A-Za-z0-9_ .-]{1,1000}")
 _SPANS: Final = {
     "d": UNITS["d"],
@@ -125,11 +128,17 @@ class KqlQuery:
                 unwritten("KQL rounds times in seconds: use a column of datetime, as in --time t:timestamp")
             )
         self.columns = {column.path: identifier(column.name) for column in self.header.columns}
-        self.scenarios = joined_scenarios(JoinedScenario, prop, limit, most=EVENTS, minimal=not prop.absences)
+        sorted_ = self.header.position == self.header.time != ""
+        lateness = 0 if sorted_ else None if prop.tree.time is None else prop.tree.time.late
+        found = joined_scenarios(JoinedScenario, prop, limit, most=COUNTED, minimal=not prop.absences)
+        self.scenarios = tuple(one.counted(lateness, values=self._groups(one), starts=True) for one in found)
+        if any(len(one.before) > EVENTS for one in self.scenarios):
+            raise TooLarge("events joined in a scenario", limit=EVENTS)
         if not self.scenarios:
             root = prop.tree.root
             raise TreeError(f"no scenario of {root} is feasible", rule="no-scenario", nodes=[root])
-        self.number = {event: place for place, event in enumerate(prop.events, 1)}
+        numbers = {event.source: place for place, event in enumerate(prop.events, 1)}
+        self.number = {event: numbers[event.source] for one in self.scenarios for event in one.before}
         self.absent = {clause: place for place, clause in enumerate(prop.absences, len(prop.events) + 1)}
         self.deciding = len(prop.events) + len(prop.absences) + 1
         """The number of the rows that decide a clause `after`."""
@@ -148,7 +157,8 @@ class KqlQuery:
             for name, number in self._names.items()
         }
         """The columns of variables in the result."""
-        self._own = {f"{column}_" for column in (*_OWN, *self._names)}
+        distinct = (name for one in self.scenarios for count in one.counts_of.values() for name in count.distinct)
+        self._own = {f"{column}_" for column in (*_OWN, *self._names, *(name[1:] for name in distinct))}
         self._taken = {*self.columns.values(), self.header.table}
 
     def text(self) -> tuple[str, Metrics]:
@@ -166,6 +176,7 @@ class KqlQuery:
         votes = any(isinstance(part, AtLeast) and chooses(part) for part in self.prop.parts)
         fewest = " with as few events as its votes need" if votes and not self.absent else ""
         yield "rvaft kql"
+        fewest += ", with the first and the last event of counted leaves" * any(one.counts_of for one in self.scenarios)
         yield f"The attack-fault tree {json.dumps(self.prop.tree.root)} under scattered: every match{fewest}."
         yield from self.header.lines()
         if self.prop.time is not None:
@@ -180,8 +191,17 @@ class KqlQuery:
 
     # Events.
 
-    def _leaf(self, pattern: Pattern, own: int, name: str, guards: Iterable[Guard], *, alone: bool) -> str:
-        """Return the name of the `let` of an event; `alone` adds a constant to join on."""
+    def _leaf(
+        self,
+        pattern: Pattern,
+        own: int,
+        name: str,
+        guards: Iterable[Guard],
+        *,
+        alone: bool,
+        distinct: Iterable[str] = (),
+    ) -> str:
+        """Return the name of the `let` of an event; `alone` adds a constant to join on, `distinct` local variables."""
         where, columns = list[str](), variable_paths(pattern)
         for path, part, _ in places(pattern):
             if isinstance(part, Literal):
@@ -192,7 +212,8 @@ class KqlQuery:
         where += [self._truth(guard, terms) for guard in guards]
         project = {f"trace_{own}": self.header.trace, f"pos_{own}": self.header.position}
         shown = [f"{name} = {identifier(column)}" for name, column in project.items() if column]
-        shown += [f"{self._column(name, own)} = {self.columns[columns[name]]}" for name in rigid_variables(pattern)]
+        names = (*rigid_variables(pattern), *distinct)
+        shown += [f"{self._column(name, own)} = {self.columns[columns[name]]}" for name in names]
         shown += [f"time_{own} = {identifier(self.header.time)}"] if self.timed else []
         shown += [f"one_{own} = 1"] if alone else []
         tests = f"\n| where {' and '.join(dict.fromkeys(where))}" if where else ""
@@ -215,8 +236,9 @@ class KqlQuery:
         return f"{column} == {self._mixed(self._variable(path, column), self._literal(literal.value))[1]}"
 
     def _column(self, variable: str, event: Event | int) -> str:
-        plain = _WORD.fullmatch(variable) and variable not in _OWN
-        name = variable if plain else f"v{self._names[variable]}"
+        local = variable.removeprefix("_")
+        plain = _WORD.fullmatch(local) and local not in _OWN
+        name = local if plain else f"v{self._names[variable]}"
         return f"{name}_{event if isinstance(event, int) else self.number[event]}"
 
     # Scenarios.
@@ -227,7 +249,10 @@ class KqlQuery:
         for guard, home in one.homes:
             if home is not None:
                 homes[home] += [part for part in conjuncts(guard) if not one.times.keys() & {*variables(part)}]
-        joined, todo, steps = list[Event](), [*one.before], list[str]()
+        firsts = {count.first: last for last, count in one.counts_of.items() if count.first is not None}
+        for first, last in firsts.items():
+            homes[last] += [*homes[first], *one.counts_of[last].guards]
+        joined, todo, steps = list[Event](), [event for event in one.before if event not in firsts], list[str]()
         pairs: dict[Event, list[tuple[str, str]]] = {}
         constant = set[Event]()
         while todo:
@@ -243,11 +268,14 @@ class KqlQuery:
             constant |= {joined[0]}
         seen = set[Event]()
         for event in joined:
-            pattern, node = untimed(event.pattern)[0], event.source.node
-            name = self._leaf(pattern, self.number[event], node, homes[event], alone=event in constant)
+            pattern, node, alone = untimed(event.pattern)[0], event.source.node, event in constant
+            if event in one.counts_of:
+                name = self._counted(one, event, homes[event], alone=alone)
+            else:
+                name = self._leaf(pattern, self.number[event], node, homes[event], alone=alone)
             keys_ = ", ".join(f"$left.{left} == $right.{right}" for left, right in pairs[event])
             steps.append(f"join kind=inner {name} on {keys_}" if steps else name)
-            seen.add(event)
+            seen |= {event, *(first for first, last in firsts.items() if last == event)}
             ready = [condition for condition in conditions if condition.events <= seen]
             conditions = [condition for condition in conditions if condition not in ready]
             if ready:
@@ -275,6 +303,61 @@ class KqlQuery:
                 unwritten(f"variable {variable} is of two types: columns of two types are not compared")
             )
         return ValueType.NUMBER if len(found) > 1 else next(iter(found))
+
+    # Counted events.
+
+    def _groups(self, one: JoinedScenario) -> list[str]:
+        """Return the variables whose values rows are sorted and grouped by."""
+        return [name for name in one.binders if name not in one.times and self._type(one, name) in _KEYS]
+
+    def _counted(self, one: JoinedScenario, last: Event, guards: Sequence[Guard], *, alone: bool) -> str:
+        """Return the name of the `let` of a counted leaf: its last event, each with the latest first one."""
+        count, node, end = one.counts_of[last], last.source.node, self.number[last]
+        assert count.first is not None, "kept by `starts`"
+        start = self.number[count.first]
+        pattern, other = (untimed(event.pattern)[0] for event in (last, count.first))
+        keys = ["trace"] if self.header.trace else []
+        columns = {name: (f"{name}_{start}", f"{name}_{end}") for name in (*keys, "pos", *["time"][: self.timed])}
+        names = rigid_variables(pattern)
+        columns |= {name: (self._column(name, start), self._column(name, end)) for name in names}
+        keys += names
+        same = [columns[key] for key in keys]
+        known = f"isnotnull(time_{end})"
+        if not count.distinct:
+            steps = [self._leaf(pattern, end, node, guards, alone=alone), *[f"where {known}"][: count.timed]]
+            steps.append(f"sort by {', '.join(f'{last_} asc' for _, last_ in (*same, columns['pos']))}")
+            earlier = (f"{first} = prev({last_}, {count.count - 1})" for first, last_ in columns.values())
+            steps.append(f"extend {', '.join(earlier)}")
+            equal = (f"{first} == {last_}" for first, last_ in same)
+            steps.append(f"where {' and '.join([f'isnotnull(pos_{start})', *equal])}")
+            return self._let("\n| ".join(steps), f"{node if _WORD.fullmatch(node) else 'event'}_counted_1")
+        pairs = same or [(f"one_{start}", f"one_{end}")]
+        steps = [self._leaf(pattern, end, node, guards, alone=alone or not same)]
+        values = self._leaf(other, start, node, guards, alone=not same, distinct=count.distinct)
+        on = ", ".join(f"$left.{last_} == $right.{first}" for first, last_ in pairs)
+        where = [f"pos_{start} <= pos_{end}"]
+        if count.length is not None:
+            where.append(f"time_{end} - time_{start} {self._bound(count.length)}")
+        elif count.timed:
+            where += [known, f"isnotnull(time_{start})"]
+        latest = ", ".join(
+            f"{first} = max({first})" for first, _ in (columns[one] for one in ("pos", "time") if one in columns)
+        )
+        by = [last_ for _, last_ in columns.values()] + [first for first, _ in same]
+        by += [f"one_{end}"] * (alone or not same) + [self._column(name, start) for name in count.distinct]
+        steps += [
+            f"join kind=inner {values} on {on}",
+            f"where {' and '.join(where)}",
+            f"summarize {latest} by {', '.join(by)}",
+        ]
+        own = [columns[name][1] for name in ("trace", "pos") if name in columns]
+        new = " or ".join(f"{name} != prev({name})" for name in own)
+        steps += [
+            f"sort by {', '.join(f'{name} asc' for name in own)}, pos_{start} desc",
+            f"extend rank_{end} = row_number(1, {new})",
+            f"where rank_{end} == {count.count}",
+        ]
+        return self._let("\n| ".join(steps), f"{node if _WORD.fullmatch(node) else 'event'}_counted_1")
 
     # Absent events.
 
@@ -402,6 +485,8 @@ class KqlQuery:
         row = self.number
         for event in one.before:
             for other in one.near(event):
+                if event in one.counts_of and one.counts_of[event].first == other:
+                    continue
                 yield _Condition(frozenset({event, other}), f"pos_{row[other]} < pos_{row[event]}")
         for a, b in one.apart:
             yield _Condition(frozenset({a, b}), f"pos_{row[a]} != pos_{row[b]}")

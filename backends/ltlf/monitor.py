@@ -18,8 +18,8 @@ from backends.ltlf.reader import Header, Observation, formula_of
 from backends.slices import advance, fits, start
 from rvaft.backend import Observed
 from rvaft.core.classifier import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
-from rvaft.core.patterns import overlaps
-from rvaft.export.certificates import EventConditions
+from rvaft.core.overlaps import overlaps
+from rvaft.export.event_conditions import EventConditions
 from rvaft.model import guards, patterns
 from rvaft.model.patterns import Binding, Pattern
 from rvaft.model.values import Json

@@ -8,8 +8,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Final, TypeAlias, assert_never
 
+from rvaft.core.overlaps import Overlaps
 from rvaft.core.part_numbers import EMPTY, NumberedPart, NumberedParts, divided
-from rvaft.core.patterns import Overlaps
 from rvaft.core.property import Event, PartKind
 from rvaft.core.scenarios import transitive
 from rvaft.model.guards import Guard

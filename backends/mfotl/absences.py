@@ -13,8 +13,8 @@ from typing import NamedTuple, Self, assert_never
 from backends.event_columns import FittingEvent
 from backends.mfotl.conditions import Conditions, Ways, both
 from rvaft.core.conditions import Unsayable
+from rvaft.core.overlaps import compatible
 from rvaft.core.passes import time_names
-from rvaft.core.patterns import compatible
 from rvaft.core.property import Event, Part, Property, Source, Without, parts_below, with_parts
 from rvaft.core.scenarios import Scenario
 from rvaft.core.times import timed, untimed

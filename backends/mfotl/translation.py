@@ -18,7 +18,7 @@ from backends.mfotl.monpoly import Column, MfotlHeader
 from backends.orders import Orders
 from rvaft.backend import Metrics
 from rvaft.core.conditions import Unsayable
-from rvaft.core.patterns import Overlaps, overlaps
+from rvaft.core.overlaps import Overlaps, overlaps
 from rvaft.core.property import Event, Property
 from rvaft.core.scenarios import Scenario, direct
 from rvaft.core.times import untimed

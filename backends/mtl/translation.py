@@ -9,7 +9,7 @@ from typing import Final, NamedTuple, NoReturn, assert_never
 from backends.absences import clauses_of, gaps
 from backends.nests import NOTHING, WINDOW, Nest, Nesting
 from backends.orders import Orders, merged
-from rvaft.core.patterns import overlaps
+from rvaft.core.overlaps import overlaps
 from rvaft.core.property import Event, PartKind, Property, Within, Without
 from rvaft.core.scenarios import Scenario, most_events
 from rvaft.errors import NotExpressible, unwritten

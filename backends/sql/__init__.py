@@ -6,7 +6,7 @@ A comment describes the table, the rows and the declared time. The `limit` count
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
-from backends.sql.dialects import DIALECTS, TRANSPILED, transpiled
+from backends.sql.dialects import DIALECTS, PORTABLE, TRANSPILED, transpiled
 from backends.sql.reader import PROGRAMS, Query, dialect_of, query
 from backends.sql.translation import SqlQuery
 from backends.tables import Table, with_time
@@ -169,7 +169,7 @@ class SqlTableBackend(SqlBackend):
                 f"a `without … after` is a subquery that compares times, which rvaft does not write for {self._dialect}"
             )
             raise NotExpressible(unwritten(reason), nodes=waiting)
-        dialect = DIALECTS["duckdb" if self._dialect in TRANSPILED else self._dialect]
+        dialect = PORTABLE if self._dialect in TRANSPILED else DIALECTS[self._dialect]
         text, metrics = SqlQuery(prop, semantics, dialect, limit, self._table).text()
         if self._dialect in TRANSPILED:
             text = transpiled(text, self._dialect)

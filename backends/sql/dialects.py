@@ -142,6 +142,10 @@ class Dialect:
     """A timestamp as microseconds; empty without timestamps."""
     lowered: str
     """Lower case per character, from a string, the capitals, and their lower-case forms."""
+    distinct: str = ""
+    """The number of different values in a window whose rows have bounds of their own; empty without it."""
+    nearest: str = ""
+    """A join with the row of the next lower or higher value, from the kind of join; empty without it."""
 
     def text(self, value: str) -> str:
         """Return a string literal."""
@@ -386,6 +390,8 @@ _DUCKDB: Final = Dialect(
     signs={"*": "%", "?": "_", "%": r"\%", "_": r"\_", "\\": r"\\"},
     microseconds="epoch_us({0})",
     lowered="translate(replace({0}, 'İ', 'i' || chr(775)), {1}, {2})",  # DuckDB's lower() maps `İ` to `i`
+    distinct="count(DISTINCT {0})",
+    nearest="ASOF {0}JOIN",
 )
 
 _POSTGRES: Final = replace(
@@ -422,9 +428,13 @@ _POSTGRES: Final = replace(
     },
     microseconds="CAST(extract(epoch FROM {0}) * 1000000 AS bigint)",
     ordered='{0} COLLATE "C" {1} {2} COLLATE "C"'.format,
+    distinct="",
+    nearest="",
 )
 
 DIALECTS: Final = {one.name: one for one in (_SQLITE, _DUCKDB, _POSTGRES)}
+PORTABLE: Final = replace(_DUCKDB, distinct="", nearest="")
+"""What SQLGlot writes in other dialects."""
 TRANSPILED: Final = {
     "athena": "CAST(round(to_unixtime({0}) * 1000000) AS BIGINT)",
     "bigquery": "UNIX_MICROS({0})",

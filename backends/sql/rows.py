@@ -26,6 +26,7 @@ COLUMN_TYPES: Final[Mapping[ValueType, str]] = {
 }
 OWN: Final = frozenset(
     {"trace", "pos", "time", "place", "start", "shift", "late", "event", "detected", "branch", "nodes"}
+    | {"first_pos", "first_time", "is_first", "found", "number", "reach", "bound"}
 )
 """Names of columns of the query."""
 

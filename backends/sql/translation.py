@@ -9,9 +9,9 @@ many counted events. It then finds the least position of each event after its pr
 value of shared variables and start of a window. Only events that a guard compares or that match
 each other's node are tried individually.
 
-Three or more counted events of a leaf are one row if no other node can use them, and if windows over
-them rely on times that do not go back: that of the last event, with the position and the time of the
-first one by `lag`.
+A counted leaf is one row (`backends.joins`): that of its last event, with the position and the time of
+the first one by `lag`. Different values are counted by window functions in the dialects that have
+them; elsewhere, and where the first event is needed, by a join with the latest event of each value.
 
 An absent event is a NOT EXISTS over all events. A scenario with `without … after` is detected at the
 first later event whose time decides the last of these clauses.
@@ -21,23 +21,24 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 from typing import Final, assert_never
 
-from backends.joins import JoinedScenario, joined_scenarios, variable_paths
+from backends.joins import COUNTED, LONGEST, JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
+from backends.sql.windows import CountedLeaf, NearestAbsence, Queries
 from backends.tables import Table, time_line
 from rvaft.backend import Metrics
-from rvaft.core.patterns import compatible
+from rvaft.core.overlaps import compatible
 from rvaft.core.property import Event, Property, Without
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
-from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
+from rvaft.model.guards import Guard, conjuncts, variables
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import (
     Anything,
@@ -52,13 +53,12 @@ from rvaft.model.patterns import (
 from rvaft.model.verdict import Semantics
 
 _TOKEN: Final = re.compile(r"'(?:[^']|'')*'|[\w.]+|->>|[<>]=?|<>|\|\||\S")
+_NUMBERED: Final = re.compile(r"(first|last)_(pos|time)_\d+|(decided|key)_[\d_]+")
+"""Names of columns of the query, by clause."""
 _LENGTH: Final = 400
 """Characters of text per joined event of the limit."""
 _PAIRED: Final = 4
 """Maximum number of events of a window that is written as bounds of pairs."""
-_LONGEST: Final = 2**61
-COUNTED: Final = 600
-"""Maximum number of events of a scenario with counted leaves."""
 TABLES: Final = 60
 """Maximum number of events of a scenario: SQLite joins 64 tables."""
 
@@ -66,74 +66,6 @@ TABLES: Final = 60
 @dataclass(frozen=True)
 class QueriedScenario(JoinedScenario):
     """A scenario with its windows, and with the events that the query joins one by one."""
-
-    counts_of: Mapping[Event, "CountedEvents"] = field(default_factory=dict)
-    """The leaves that are one row, by the last event; the events between the first and the last are left out."""
-
-    def counted(self, lateness: int | None) -> "QueriedScenario":
-        """Return the scenario with counted leaves as single rows, where that makes no difference."""
-        leaves: dict[str, list[Event]] = {}
-        for event in self.before:
-            leaves.setdefault(event.source.node, []).append(event)
-        found = dict[Event, CountedEvents]()
-        for events in leaves.values():
-            if len(events) > 2 and (timed := self._interchangeable(events, lateness)) is not None:
-                found[events[-1]] = CountedEvents(events[0], len(events), timed)
-        if not found:
-            return self
-        between = {event for events in leaves.values() if events[-1] in found for event in events[1:-1]}
-        lost = {name for name, event in self.times.items() if event in between}
-
-        def kept(guard: Guard) -> Guard:
-            match guard:
-                case Operation(operator, parts):
-                    names = (part for part in parts if not (isinstance(part, Variable) and part.name in lost))
-                    return Operation(operator, tuple(map(kept, names)))
-                case _:
-                    return guard
-
-        before = {event: some - between for event, some in self.before.items() if event not in between}
-        absences = ((clause, tuple(event for event in part if event not in between)) for clause, part in self.absences)
-        guards = tuple(map(kept, self.guards))
-        return replace(self, before=before, guards=guards, absences=tuple(absences), counts_of=found)
-
-    def _interchangeable(self, events: Sequence[Event], lateness: int | None) -> bool | None:
-        """Return whether times of a leaf's events count, or None if its last events may not stand for others.
-
-        Of the sequences of such events with the same last one, the latest has the latest first event.
-        """
-        own, (first, *_), last = frozenset(events), events, events[-1]
-        pattern = untimed(first.pattern)[0]
-        alike = all(untimed(event.pattern)[0] == pattern for event in events)
-        chained = all(self.before[event] == self.before[first] | {*events[:at]} for at, event in enumerate(events))
-        others = [event for event in self.before if event not in own]
-        apart = not any(compatible(pattern, event.pattern) for event in others)
-        apart &= all(own <= self.before[event] or own.isdisjoint(self.before[event]) for event in others)
-        clauses = [(clause, own <= {*part}) for clause, part in self.absences]
-        unhurt = not any(
-            compatible(clause.pattern, pattern) or (inside and clause.side is Side.BEFORE) for clause, inside in clauses
-        )
-        names = {name for name, event in self.times.items() if event in own}
-        guards = [guard for guard in self.guards if names.intersection(variables(guard))]
-        windows = all(guard in self.windows and own <= self.windows[guard][0] for guard in guards)
-        timed = bool(guards) or any(inside and clause.duration is not None for clause, inside in clauses)
-        suitable = alike and chained and apart and unhurt and windows and last in self.before
-        return timed if suitable and (lateness == 0 or not timed) else None
-
-    @cached_property
-    def windows(self) -> dict[Guard, tuple[frozenset[Event], int]]:
-        """The window guards, each with its occurrences and duration."""
-        return {guard: found for guard, home in self.homes if home is None and (found := self._window(guard))}
-
-    def _window(self, guard: Guard) -> tuple[frozenset[Event], int] | None:
-        match guard:
-            case Operation(Operator.LE, (Operation(Operator.SUB, (end, start)), Literal(int() as length))):
-                match end, start:
-                    case Operation(Operator.MAX, ends), Operation(Operator.MIN, starts) if ends == starts:
-                        names = [one.name for one in ends if isinstance(one, Variable) and one.name in self.times]
-                        if len(names) == len(ends):
-                            return frozenset(map(self.times.__getitem__, names)), length
-        return None
 
     @cached_property
     def tried(self) -> frozenset[Event]:
@@ -160,15 +92,6 @@ class QueriedScenario(JoinedScenario):
         """Whether three or more events have one pattern: all matches are then too many."""
         patterns = (untimed(event.pattern)[0] for event in self.before if event not in self.tried)
         return any(number > 2 for number in Counter(patterns).values())
-
-
-@dataclass(frozen=True)
-class CountedEvents:
-    """A counted leaf as one row: its first event, the number of its events, and whether their times count."""
-
-    first: Event
-    count: int
-    timed: bool
 
 
 @dataclass(frozen=True)
@@ -201,6 +124,9 @@ class SqlQuery:
         """Whether the table is one log."""
         self.tables: dict[str, str] = {}
         """Table names by query."""
+        self._queries = Queries(self._table, dialect, () if self.untraced else ("trace",))
+        self._columns_of: dict[str, list[str]] = {}
+        """The columns of the tables of events."""
         self._known_tables = Counter[str]()
         """The number of tables by the letters of their names."""
         self.late = None if prop.time is None else prop.time.late
@@ -212,11 +138,13 @@ class SqlQuery:
         minimal = semantics is Semantics.SCATTERED and not prop.absences
         self.scenarios = joined_scenarios(QueriedScenario, prop, limit, most=COUNTED, minimal=minimal)
         several = any(len(one.before) > 1 for one in self.scenarios)
-        loose, many = all(one.loose for one in self.scenarios), any(one.counts for one in self.scenarios)
-        counted = tuple(one.counted(self.lateness) for one in self.scenarios)
-        self.counted = many and not loose and not any(one.counts for one in counted)
+        loose = all(one.loose and len(one.before) <= TABLES for one in self.scenarios)
+        many = any(one.counts for one in self.scenarios)
+        counted = self.scenarios
+        if semantics is Semantics.SCATTERED and not loose:
+            counted = tuple(one.counted(self.lateness) for one in self.scenarios)
+        self.counted = any(one.counts_of for one in counted) and not any(one.counts for one in counted)
         """Whether counted leaves are single rows."""
-        self.counted &= semantics is Semantics.SCATTERED
         self.first = minimal and not self.counted and ((several and loose) or many)
         """Whether the query finds first matches only."""
         if self.counted:
@@ -232,9 +160,10 @@ class SqlQuery:
         self.variables = [
             *dict.fromkeys(name for one in self.scenarios for name in one.binders if name not in one.times)
         ]
-        own = sorted({name for clause in prop.absences for name in clause.own if not name.startswith("_")})
-        self._bound = [*dict.fromkeys((*self.variables, *own))]
-        """The variables, and those that only absent events have."""
+        own = {name for clause in prop.absences for name in clause.own if not name.startswith("_")}
+        own |= {name for one in self.scenarios for count in one.counts_of.values() for name in count.distinct}
+        self._bound = [*dict.fromkeys((*self.variables, *sorted(own)))]
+        """The variables, and those that only absent or counted events have."""
         self._columns = {name: f"v{number}" for number, name in enumerate(self._bound, 1)}
 
     def text(self) -> tuple[str, Metrics]:
@@ -254,8 +183,12 @@ class SqlQuery:
     @cached_property
     def _names(self) -> list[str]:
         """The names of the columns of variables in a query on typed columns."""
-        small = Counter([*(name.lower() for name in self._bound), *OWN])
-        return [name if small[name.lower()] == 1 else f"v{number}" for number, name in enumerate(self._bound, 1)]
+        shown = [name.strip("_") if name.startswith("_") else name for name in self._bound]
+        small = Counter([*map(str.lower, shown), *OWN])
+        return [
+            name if small[name.lower()] == 1 and not _NUMBERED.fullmatch(name.lower()) else f"v{number}"
+            for number, name in enumerate(shown, 1)
+        ]
 
     def _named(self, text: str) -> str:
         """Return the text with the names of variables for their columns."""
@@ -267,7 +200,9 @@ class SqlQuery:
     def _header(self, text: str) -> str:
         time = self.prop.time
         rows = "the first match of each scenario" if self.first else "every match"
-        rows += ", with the first and the last event of counted leaves" if self.counted else ""
+        if self.counted:
+            whole = any(count.first is not None for one in self.scenarios for count in one.counts_of.values())
+            rows += f", with {'the first and ' * whole}the last event of counted leaves"
         rows += (
             ""
             if all(one.loose for one in self.scenarios) or not self.first
@@ -321,10 +256,13 @@ class SqlQuery:
 
     def _leaf(self, one: QueriedScenario, name: Event, places: str, wanted: Set[str]) -> str:
         pattern = name.pattern
-        where = [self.condition(pattern, [guard for guard, home in one.homes if home == name])]
+        count = next((count for last, count in one.counts_of.items() if name in (last, count.first)), None)
+        guards, distinct = (count.guards, count.distinct) if count is not None else ((), ())
+        where = [self.condition(pattern, [*(guard for guard, home in one.homes if home == name), *guards])]
         columns = [renamed(self.rows.trace, "trace"), renamed(self.rows.position, "pos")]
         paths = variable_paths(pattern)
-        for variable, path in ((name, paths[name]) for name in rigid_variables(pattern) if name not in one.times):
+        shown = (*(name for name in rigid_variables(pattern) if name not in one.times), *distinct)
+        for variable, path in ((name, paths[name]) for name in shown):
             facets = self.rows.facets(path)
             named = {f"{self._column(variable)}_{kind}": expression for kind, expression in facets.items()}
             names = [column for column in named if column in wanted]
@@ -340,29 +278,30 @@ class SqlQuery:
         elif self.semantics is not Semantics.SCATTERED:
             columns.append("place")
             where.insert(0, f"place <= {self.most}")
-        return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {places} WHERE {' AND '.join(where)}", "n")
+        if distinct and count is not None and count.timed:
+            where.append(f"{self.rows.time} IS NOT NULL")
+        columns = [*filter(None, columns)]
+        found = self._table(f"SELECT {', '.join(columns)} FROM {places} WHERE {' AND '.join(where)}", "n")
+        self._columns_of[found] = [column.rpartition(" AS ")[2] for column in columns]
+        return found
 
     def _wanted(self, one: QueriedScenario, alias: Mapping[Event, str], text: str) -> dict[str, frozenset[str]]:
         """Return the columns of each row that a text names."""
         references = re.findall(r"(e\d+)\.(v\d+_[a-z]+)", text)
         wanted = {row: frozenset(column for other, column in references if other == row) for row in alias.values()}
         for last, count in one.counts_of.items():  # one table
-            both = wanted[alias[count.first]] | wanted[alias[last]]
-            keys = (f"{self._column(name)}_key" for name in rigid_variables(last.pattern) if name not in one.times)
-            wanted |= dict.fromkeys((alias[count.first], alias[last]), both.union(keys))
+            both = wanted[alias[last]] | (wanted[alias[count.first]] if count.first is not None else frozenset())
+            names = (*(name for name in rigid_variables(last.pattern) if name not in one.times), *count.distinct)
+            own = both.union(f"{self._column(name)}_key" for name in names)
+            wanted |= {alias[event]: own for event in (count.first, last) if event is not None}
         return wanted
 
     def _counted(self, one: QueriedScenario, last: Event, table: str) -> str:
         """Return the table of the last events of a counted leaf, from that of its events."""
         count, names = one.counts_of[last], rigid_variables(untimed(last.pattern)[0])
-        trace = [] if self.untraced else ["trace"]
-        keys = ", ".join([*trace, *(f"{self._column(name)}_key" for name in names)])
-        window = f"({f'PARTITION BY {keys} ' if keys else ''}ORDER BY pos)"
-        shown = [
-            f"lag({name}, {count.count - 1}) OVER w AS first_{name}" for name in ("pos", "time")[: 1 + count.timed]
-        ]
-        where = " WHERE time IS NOT NULL" if count.timed else ""
-        return self._table(f"SELECT *, {', '.join(shown)} FROM {table}{where} WINDOW w AS {window}", "count_")
+        keys = [f"{self._column(name)}_key" for name in names]
+        values = [f"{self._column(name)}_key" for name in count.distinct]
+        return CountedLeaf(self._queries, count, table, self._columns_of[table], keys, values).table()
 
     def _column(self, variable: str) -> str:
         return self._columns[variable]
@@ -425,6 +364,63 @@ class SqlQuery:
 
     def _select(self, one: QueriedScenario, places: str) -> str:
         alias = {name: f"e{number}" for number, name in enumerate(one.before, 1)}
+        terms, first_of, where = self._joined_values(one, alias)
+        windows = one.windows if self.first else {}
+        for guard, home in one.homes:
+            if home is None and not (guard in windows and windows[guard][0] - one.tried):
+                where += self._near(one, guard, alias) or [self.guards.condition(guard, terms)]
+        near = [number for number, (clause, part) in enumerate(one.absences, 1) if self._is_near(one, clause, part)]
+        where += self._absences(one, alias, terms, first_of, near)
+        values = self._values(first_of)
+        extremes = [column for number in near for column in self._extremes(one, number, alias, first_of)]
+        wanted = self._wanted(one, alias, " ".join([*where, *extremes, values]))
+        tables = {
+            name: self._leaf(one, name, places, wanted[alias[name]])
+            for name in alias
+            if name not in one.counts_of or one.counts_of[name].first is None
+        }
+        tables |= {last: self._counted(one, last, tables[count.first or last]) for last, count in one.counts_of.items()}
+        rows = {name: QueriedRow(table, {}) for name, table in tables.items()}
+        rows = self._firsts(one, tables, alias, wanted) if self.first else rows
+        last_of = {
+            alias[count.first]: alias[event] for event, count in one.counts_of.items() if count.first is not None
+        }
+        sources = [f"{rows[name].table} AS {row}" for name, row in alias.items() if row not in last_of]
+        first, *others = alias.values()
+        joins = [] if self.untraced else [f"{row}.trace = {first}.trace" for row in others]
+        if self.first:  # join the events at the least positions for the values of variables
+            with_values = {name: row for name, row in alias.items() if name not in one.tried and f"{row}.v" in values}
+            sources += [f"{tables[name]} AS x{row[1:]}" for name, row in with_values.items()]
+            joins += [
+                f"x{row[1:]}.{column} = {row}.{column}"
+                for row in with_values.values()
+                for column in ("trace", "pos")[self.untraced :]
+            ]
+            for row in with_values.values():
+                values = values.replace(f" {row}.v", f" x{row[1:]}.v")
+        joins += self._shared(one, alias, rows)
+        joins += self._order(one, alias)
+        if len(sources) > TABLES + 4:
+            raise TooLarge("tables joined in a scenario", limit=TABLES)
+        lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
+        last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
+        decisions = {number: value for number, value in self._decisions(one, alias) if number not in near}
+        trace = "" if self.untraced else f"{first}.trace, "
+        what = f"{trace}{last} AS detected, {one.branch} AS branch,\n  {self._nodes(alias)} AS nodes{values}"
+        what += "".join(f",\n  {decision} AS decided_{number}" for number, decision in decisions.items())
+        what += f",\n  {', '.join(extremes)}" if extremes else ""
+        condition = "\n  AND ".join(
+            some for some in dict.fromkeys([*joins, *where]) if not _is_of_one_row(some, last_of)
+        )
+        distinct = "DISTINCT " if self.first and not one.loose else ""
+        query = f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
+        query = _of_last(query, last_of)
+        return self._decided(one, query, [*decisions], near, values) if decisions or near else query
+
+    def _joined_values(
+        self, one: QueriedScenario, alias: Mapping[Event, str]
+    ) -> tuple[dict[str, SqlTerm], dict[str, str], list[str]]:
+        """Return the terms and the first columns of variables, and the conditions that their values are equal."""
         terms: dict[str, SqlTerm] = {}
         first_of: dict[str, str] = {}
         where: list[str] = []
@@ -445,60 +441,27 @@ class SqlQuery:
                     earliest = f"{sooner} {alias[name]}.pos ELSE {earliest} END"
             terms[variable] = self.rows.variable(facets, variable_paths(names[0].pattern)[variable])
             first_of[variable] = columns[0]
-        windows = one.windows if self.first else {}
-        for guard, home in one.homes:
-            if home is None and not (guard in windows and windows[guard][0] - one.tried):
-                where += self._near(one, guard, alias) or [self.guards.condition(guard, terms)]
-        where += self._absences(one, alias, terms, first_of)
-        values = self._values(first_of)
-        wanted = self._wanted(one, alias, " ".join([*where, values]))
-        tables = {
-            name: self._leaf(one, name, places, wanted[alias[name]]) for name in alias if name not in one.counts_of
-        }
-        tables |= {last: self._counted(one, last, tables[count.first]) for last, count in one.counts_of.items()}
-        alone = {name: QueriedRow(table, {}) for name, table in tables.items()}
-        rows = self._firsts(one, tables, alias, wanted) if self.first else alone
-        last_of = {alias[count.first]: alias[event] for event, count in one.counts_of.items()}
-        sources = [f"{rows[name].table} AS {row}" for name, row in alias.items() if row not in last_of]
-        first, *others = alias.values()
-        joins = [] if self.untraced else [f"{row}.trace = {first}.trace" for row in others]
-        if self.first:  # join the events at the least positions for the values of variables
-            with_values = {name: row for name, row in alias.items() if name not in one.tried and f"{row}.v" in values}
-            sources += [f"{tables[name]} AS x{row[1:]}" for name, row in with_values.items()]
-            joins += [
-                f"x{row[1:]}.{column} = {row}.{column}"
-                for row in with_values.values()
-                for column in ("trace", "pos")[self.untraced :]
-            ]
-            for row in with_values.values():
-                values = values.replace(f" {row}.v", f" x{row[1:]}.v")
-        joins += self._shared(one, alias, rows)
-        joins += self._order(one, alias)
-        if len(sources) > TABLES + 4:
-            raise TooLarge("tables joined in a scenario", limit=TABLES)
-        lasts = [f"{alias[name]}.pos" for name in one.before if not any(name in some for some in one.before.values())]
-        last = lasts[0] if len(lasts) == 1 else f"{self.dialect.greatest}({', '.join(lasts)})"
-        decisions = [*self._decisions(one, alias)]
-        trace = "" if self.untraced else f"{first}.trace, "
-        what = f"{trace}{last} AS detected, {one.branch} AS branch,\n  {self._nodes(alias)} AS nodes{values}"
-        what += "".join(f",\n  {decision} AS decided_{number}" for number, decision in enumerate(decisions, 1))
-        condition = "\n  AND ".join(
-            some for some in dict.fromkeys([*joins, *where]) if not _is_of_one_row(some, last_of)
-        )
-        distinct = "DISTINCT " if self.first and not one.loose else ""
-        query = f"SELECT {distinct}{what}\nFROM {', '.join(sources)}" + (f"\nWHERE {condition}" if condition else "")
-        query = _of_last(query, last_of)
-        return self._decided(query, len(decisions), values) if decisions else query
+        return terms, first_of, where
 
-    def _decided(self, query: str, decisions: int, values: str) -> str:
-        """Return the matches of a query whose clauses `after` are decided, detected where the last one is."""
-        names = [f"decided_{number}" for number in range(1, decisions + 1)]
-        last = f"{self.dialect.greatest}(detected, {', '.join(names)})"
+    def _decided(
+        self, one: QueriedScenario, query: str, decisions: Sequence[int], near: Sequence[int], values: str
+    ) -> str:
+        """Return the matches of a query that no event breaks, detected where the last clause `after` is decided.
+
+        `decisions`: clauses whose decision is a column of the query; `near`: those that are not looked at yet.
+        """
+        source = f"(\n{query}\n) AS match_"
+        if near:
+            source = self._table(query, "match_")
+            for number in near:
+                source = self._unbroken(one, number, source)
+        after = [number for number, (clause, _) in enumerate(one.absences, 1) if clause.side is Side.AFTER]
+        last = f"{self.dialect.greatest}({', '.join(['detected', *(f'decided_{number}' for number in after)])}) AS "
         shown = ["nodes", *re.findall(r" AS (v\d+_json|variables)\b", values)]
         trace = "" if self.untraced else "trace, "
-        decided = " AND ".join(f"{name} IS NOT NULL" for name in names)
-        what = f"{trace}{last} AS detected, branch, {', '.join(shown)}"
-        return f"SELECT {what}\nFROM (\n{query}\n) AS match_\nWHERE {decided}"
+        decided = " AND ".join(f"decided_{number} IS NOT NULL" for number in decisions)
+        what = f"{trace}{last if after else ''}detected, branch, {', '.join(shown)}"
+        return f"SELECT {what}\nFROM {source}" + (f"\nWHERE {decided}" if decided else "")
 
     # Absent events.
 
@@ -508,17 +471,18 @@ class SqlQuery:
         alias: Mapping[Event, str],
         terms: Mapping[str, SqlTerm],
         first_of: Mapping[str, str],
+        near: Sequence[int],
     ) -> Iterator[str]:
-        """Yield the conditions that no event breaks a `without`."""
+        """Yield the conditions that no event breaks a `without`; those `near` are for `_unbroken`."""
         for number, (clause, part) in enumerate(one.absences, 1):
             row, where = f"q{number}", list[str]()
             begin, end = self._extreme("pos", part, alias, one)
             if clause.duration is not None:
                 yield from (f"{alias[event]}.time IS NOT NULL" for event in part)
+            if number in near or (clause.side is Side.DURING and len(part) == 1):
+                continue
             match clause.side:
                 case Side.DURING:
-                    if len(part) == 1:
-                        continue
                     where += [f"{begin} < {row}.pos", f"{row}.pos < {end}"]
                 case Side.BEFORE:
                     where.append(f"{row}.pos < {begin}")
@@ -547,8 +511,8 @@ class SqlQuery:
             trace = [] if self.untraced else [f"{row}.trace = {next(iter(alias.values()))}.trace"]
             yield f"NOT EXISTS (SELECT 1 FROM {table} AS {row} WHERE {' AND '.join([*trace, *where])})"
 
-    def _absent(self, clause: Without, guards: Iterable[Guard], wanted: Set[str]) -> str:
-        """Return the table of the events that a clause excludes."""
+    def _absent(self, clause: Without, guards: Iterable[Guard], wanted: Set[str], *, timed: bool = False) -> str:
+        """Return the table of the events that a clause excludes; `timed`: of those with a time."""
         source, rows = self.log
         paths = variable_paths(clause.pattern)
         columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos")]
@@ -560,7 +524,7 @@ class SqlQuery:
         if clause.duration is not None:
             columns.append(renamed(rows.time, "time"))
         where = ["NOT late"] if self.late is not None else []
-        where.append(self.condition(clause.pattern, guards, rows))
+        where += [self.condition(clause.pattern, guards, rows), *[f"{rows.time} IS NOT NULL"][:timed]]
         return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {' AND '.join(where)}", "w")
 
     def _undecided(
@@ -575,29 +539,72 @@ class SqlQuery:
         if self.lateness is None:
             yield f"NOT EXISTS (SELECT 1 FROM {self._deciding(clause, part, alias, one)} AND d.pos < {row}.pos)"
 
-    def _decisions(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[str]:
-        """Yield the positions that decide the clauses `after`."""
-        for clause, part in one.absences:
+    def _decisions(self, one: QueriedScenario, alias: Mapping[Event, str]) -> Iterator[tuple[int, str]]:
+        """Yield the numbers of the clauses `after`, each with the position that decides it."""
+        for number, (clause, part) in enumerate(one.absences, 1):
             if clause.side is Side.AFTER:
-                yield f"(SELECT min(d.pos) FROM {self._deciding(clause, part, alias, one)})"
+                yield number, f"(SELECT min(d.pos) FROM {self._deciding(clause, part, alias, one)})"
 
     def _deciding(
         self, clause: Without, part: Sequence[Event], alias: Mapping[Event, str], one: QueriedScenario
     ) -> str:
         """Return the table `d` of times and the condition that an event decides a clause."""
-        source, rows = self.log
-        columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos"), renamed(rows.time, "time")]
-        query = f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {rows.time} IS NOT NULL"
         _, last = self._extreme("pos", part, alias, one)
         _, end = self._extreme("time", part, alias, one)
         trace = [] if self.untraced else [f"d.trace = {alias[part[0]]}.trace"]
-        length = (clause.duration or 0) + (self.lateness or 0)
-        where = [*trace, f"{last} < d.pos", self._apart("d.time", ">", end, length)]
-        return f"{self._table(query, 'time_')} AS d WHERE {' AND '.join(where)}"
+        where = [*trace, f"{last} < d.pos", self._apart("d.time", ">", end, self._patience(clause))]
+        return f"{self._times()} AS d WHERE {' AND '.join(where)}"
+
+    def _times(self) -> str:
+        """Return the table of the events with a time."""
+        source, rows = self.log
+        columns = [renamed(rows.trace, "trace"), renamed(rows.position, "pos"), renamed(rows.time, "time")]
+        query = f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {rows.time} IS NOT NULL"
+        return self._table(query, "time_")
+
+    def _patience(self, clause: Without) -> int:
+        """Return the time after which a clause is decided."""
+        return (clause.duration or 0) + (self.lateness or 0)
+
+    # Absent events of which the nearest one tells whether there is one: `n log n` by joins with the nearest row.
+
+    def _is_near(self, one: QueriedScenario, clause: Without, part: Sequence[Event]) -> bool:
+        """Whether the nearest event with equal values tells whether an event breaks a clause.
+
+        Then the guard is on the event alone, and events of the match cannot stand where others break it.
+        """
+        alone = all(variable_paths(clause.pattern).keys() >= {*variables(one)} for one in conjuncts(clause.guard))
+        inside = clause.side is Side.DURING
+        used = [event for event in one.before if inside or event not in part]
+        apart = not any(compatible(clause.pattern, event.pattern) for event in used)
+        short = self._patience(clause) < LONGEST
+        return bool(self.dialect.nearest) and alone and apart and short and not (inside and len(part) == 1)
+
+    def _extremes(
+        self, one: QueriedScenario, number: int, alias: Mapping[Event, str], first_of: Mapping[str, str]
+    ) -> Iterator[str]:
+        """Yield the columns of a match that a clause compares: positions, times and values."""
+        clause, part = one.absences[number - 1]
+        for column in ("pos", *["time"][: clause.duration is not None]):
+            first, last = self._extreme(column, part, alias, one)
+            yield from [f"{first} AS first_{column}_{number}"] * (clause.side is not Side.AFTER)
+            yield from [f"{last} AS last_{column}_{number}"] * (clause.side is not Side.BEFORE)
+        for name in rigid_variables(clause.pattern):
+            if name not in clause.own:
+                yield f"{first_of[name]}_key AS key_{number}_{self._bound.index(name)}"
+
+    def _unbroken(self, one: QueriedScenario, number: int, matches: str) -> str:
+        """Return the table of the matches in a table that no event breaks; for `after` with the deciding position."""
+        clause, _ = one.absences[number - 1]
+        names = [name for name in rigid_variables(clause.pattern) if name not in clause.own]
+        keys = {f"{self._column(name)}_key": f"key_{number}_{self._bound.index(name)}" for name in names}
+        absent = self._absent(clause, conjuncts(clause.guard), {*keys}, timed=clause.duration is not None)
+        times = self._times() if clause.side is Side.AFTER else ""
+        return NearestAbsence(self._queries, clause, number, absent, keys, times, self.lateness).unbroken(matches)
 
     def _apart(self, later: str, sign: str, earlier: str, length: int) -> str:
         """Return the comparison of the difference of two times with a duration."""
-        if length < _LONGEST:
+        if length < LONGEST:
             return f"{later} {sign} {earlier} + {self.guards.literal(length).whole}"
         return f"{later} - {earlier} {sign} {self.guards.literal(min(length, 2**63 - 1)).whole}"
 
@@ -621,7 +628,7 @@ class SqlQuery:
     def _near(self, one: QueriedScenario, guard: Guard, alias: Mapping[Event, str]) -> list[str]:
         """Return a window of few events as bounds of each pair, which a join can use."""
         members, length = one.windows.get(guard, (frozenset[Event](), 0))
-        if len(members) > _PAIRED or length >= _LONGEST:
+        if len(members) > _PAIRED or length >= LONGEST:
             return []
         bound, rows = self.guards.literal(length).whole, [alias[event] for event in alias if event in members]
         return [f"{b}.time <= {a}.time + {bound} AND {a}.time <= {b}.time + {bound}" for a, b in combinations(rows, 2)]

@@ -21,11 +21,12 @@ from cross_check.counterexamples import load as load_case
 from cross_check.participants import PATIENCE, faithful_backends, handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
 from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
-from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
 from rvaft.export.certificates import PROGRAM, on_path
 from rvaft.model.nodes import Kind
+from rvaft.model.tree import resolve_semantics
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.rules.validity import valid_part
 from rvaft.support.files import deliver
 from rvaft.support.terminal import columns, inert, visible
 
@@ -279,5 +280,5 @@ def cross_check_command(
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:
     tree = options.load_tree(path)
-    narrowed(tree, branch, kind)  # raises for invalid trees and parts
+    valid_part(tree, branch, kind)  # raises for invalid trees and parts
     return Entry(click.format_filename(path), tree, branch, kind)

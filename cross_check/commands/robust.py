@@ -13,19 +13,19 @@ import click
 from cross_check.commands.cross_check import progress
 from cross_check.generate.disturbances import near_miss
 from cross_check.generate.traces import PLAIN, NoTraceFound, detecting
-from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import FAILED, FOUND, Failures, log_options, options, warn
 from rvaft.cli.monitor import limit_option
 from rvaft.core.classifier import TreeReads
 from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import match
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_LIMIT
 from rvaft.readers.log import expanded
 from rvaft.readers.registry import read_log
+from rvaft.rules.validity import valid_part
 from rvaft.stream.pipeline import WHOLE
 from rvaft.stream.statistics import EventTypeIndex
 from rvaft.support.terminal import columns, inert, readable_json, visible
@@ -207,7 +207,7 @@ def robust_command(
     of_logs = log_format.form is not None or log_format.options.given - {"year"}
     options.refuse(not logs and of_logs, "name a LOG for --input and the options of formats")
     whole = options.load_tree(tree)
-    part, failures = narrowed(whole, given["branch"], given["kind"]), Failures()
+    part, failures = valid_part(whole, given["branch"], given["kind"]), Failures()
     files = [file for some in failures.collect(expanded, logs) for file in some]
     log_format.readers(files)  # refuses options that no reader takes
     read = {file: events for file in files for events in failures.collect(_reading(part, log_format), [file])}

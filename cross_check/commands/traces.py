@@ -12,11 +12,13 @@ import click
 from cross_check.generate.disturbances import near_miss as missing
 from cross_check.generate.times import apart
 from cross_check.generate.traces import PLAIN, NoTraceFound, detecting, random_trace
-from rvaft.api import monitor, narrowed, resolve_semantics
+from rvaft.api import monitor
 from rvaft.backend import backend
 from rvaft.cli import options
+from rvaft.model.tree import resolve_semantics
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.rules.validity import valid_part
 from rvaft.support.files import deliver, error_context, write_whole
 from rvaft.support.terminal import readable_json
 
@@ -69,7 +71,7 @@ def traces_command(
     folder = None if output in (None, "-") else Path(output or "")
     wanted = given["wanted"] or (DEFAULT_NUMBER if folder is not None else 1)
     options.refuse(folder is None and wanted > 1, f"{wanted} traces need a folder: name it with -o")
-    part, manner = narrowed(options.load_tree(tree), given["branch"], given["kind"]), replace(PLAIN, longest=length)
+    part, manner = valid_part(options.load_tree(tree), given["branch"], given["kind"]), replace(PLAIN, longest=length)
     meaning = resolve_semantics(part, given["semantics"])
     options.refuse(form is LogForm.JSONL and mapping is not None, "--mapping is for --format stix")
     if form is not LogForm.JSONL:  # these languages express only `scattered`

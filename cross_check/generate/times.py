@@ -15,8 +15,8 @@ from random import Random
 from typing import Final, TypeAlias
 from zoneinfo import ZoneInfo
 
+from rvaft.core.feasibility import node_of
 from rvaft.core.property import Condition, Event, Part, Property, Source, Times, Within
-from rvaft.core.scenario_space import node_of
 from rvaft.core.scenarios import Kept
 from rvaft.core.times import point_bounds
 from rvaft.model.event_time import UNITS, TextFormat, TimeFormat
@@ -217,7 +217,9 @@ def durations(tree: RVAFT) -> list[int]:
     guards = [node.when for node in nodes if time_points(node.when)]
     found = [part.value for guard in guards for part in walk(guard) if isinstance(part, Literal)]
     late = None if tree.time is None else tree.time.late
-    return list(dict.fromkeys(one for one in (0, *found, *(node.within for node in nodes), late) if type(one) is int))
+    absences = [clause.duration for node in nodes for clause in node.without]
+    every = (0, *found, *(node.within for node in nodes), *absences, late)
+    return list(dict.fromkeys(one for one in every if type(one) is int))
 
 
 class Schedule:

@@ -7,7 +7,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from random import Random
-from typing import Final, TypeAlias
+from typing import Final, TypeAlias, assert_never
 
 from cross_check.generate.times import SECOND, Schedule, in_between, timed, walked
 from cross_check.generate.values import (
@@ -22,9 +22,7 @@ from cross_check.generate.values import (
 )
 from cross_check.letters import answers
 from rvaft.backend import Observed
-from rvaft.core.passes import property_of
-from rvaft.core.property import AtLeast, Condition, EndInOrder, Event, One, Part, Property, Times, Without, fewest
-from rvaft.core.scenario_space import (
+from rvaft.core.feasibility import (
     Edge,
     Fewest,
     Point,
@@ -36,6 +34,8 @@ from rvaft.core.scenario_space import (
     point_of,
     precedence,
 )
+from rvaft.core.passes import property_of
+from rvaft.core.property import AtLeast, Condition, EndInOrder, Event, One, Part, Property, Times, Without, fewest
 from rvaft.core.scenarios import Kept, is_constant
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
@@ -336,11 +336,13 @@ def guided(
     semantics: Semantics = Semantics.PROJECTED,
     manner: Manner = WILD,
     scenarios: Scenarios | None = None,
+    *,
+    broken: bool = False,
 ) -> list[Json]:
     """Return a trace that contains a match of a random scenario by construction, without a monitor.
 
-    It may be detected before its end. `scenarios` can be shared between calls. Raises
-    `NoTraceFound`.
+    It may be detected before its end. If `broken`, an event that had to be absent comes in it, or comes just
+    outside of where it had to be absent. `scenarios` can be shared between calls. Raises `NoTraceFound`.
     """
     scenarios = scenarios or Scenarios(tree)
     making = _Making(random, tree, scenarios.prop, Semantics(semantics), manner)
@@ -357,7 +359,8 @@ def guided(
             if longest is None or len(order) <= longest:
                 trace = making.trace(kept, order)
                 if making.has_times(kept, order, trace):
-                    return making.decided(kept, making.noisy(trace))
+                    whole = making.broken(kept, order, trace) if broken else making.noisy(trace)
+                    return making.decided(kept, whole)
             shortest = len(order) if shortest is None else min(shortest, len(order))
         except Cyclic as cyclic:
             scenarios.ban(random, cyclic.edges)
@@ -382,6 +385,8 @@ class _Making:
         self.others = interesting_values(tree)
         self.values: Sequence[Json] = tuple(random.choice(self.others) for _ in range(4))
         self.look = LogValues(random, tree) if manner.believable else None
+        self._bound: Binding = {}
+        """The values of variables in the last trace."""
         self._seen: dict[str, list[list[Json]]] = {}
         """The different values that counted events have so far, by node."""
 
@@ -414,6 +419,7 @@ class _Making:
         if self.tree.time is not None:
             schedule = Schedule(self.random, self.prop, kept, order, binding, plain=self.look is not None)
             return self._timed(schedule)
+        self._bound = binding
         return [events[name] if name in events else self._event_of(name, binding) for name in order]
 
     def _timed(self, schedule: Schedule) -> list[Json]:
@@ -428,6 +434,7 @@ class _Making:
                 events.append(timed(self.random, tree, event, time, plain=plain) if free else event)
             right = tree.time is None or [*map(tree.time.read, events)] == times
             if right and (self.semantics is Semantics.STRICT or not any(is_ignored(tree, event) for event in events)):
+                self._bound = binding
                 return events
         raise Unmet([Demand(name, (), lambda _: False, Literal(value=False)) for name in schedule.constrained])
 
@@ -486,6 +493,47 @@ class _Making:
         known = [now for event in trace if (now := time.read(event)) is not None]
         last = max(known) + max(after) + (time.late or 0) + SECOND
         return [*trace, timed(self.random, self.tree, {}, last, plain=True)]
+
+    def broken(self, kept: Kept, order: list[str], trace: list[Json]) -> list[Json]:
+        """Return the trace of an order with an event of a random `without` where it breaks it, or just outside."""
+        clauses = [part for part in kept if isinstance(part, Without)]
+        if not clauses:
+            return trace
+        clause = self.random.choice(clauses)
+        root: Part = clause
+        nodes = {node_of(one) for one in reachable(root, kept.__getitem__) if isinstance(one, Event | Times)}
+        own = [place for place, name in enumerate(order) if name in nodes]
+        event = self._absent(clause)
+        read = (lambda _: None) if self.tree.time is None else self.tree.time.read
+        near = self.random.choice((0, 0, -1, 1))
+        match clause.side:
+            case Side.DURING:
+                place, instant = self.random.randint(own[0], own[-1] + 1), None
+            case Side.BEFORE:
+                place, start = self.random.randint(0, own[0]), read(trace[own[0]])
+                instant = None if start is None or clause.duration is None else start - clause.duration + near
+            case Side.AFTER:
+                place, end = self.random.randint(own[-1] + 1, len(trace)), read(trace[own[-1]])
+                instant = None if end is None or clause.duration is None else end + clause.duration + near
+            case _ as never:
+                assert_never(never)
+        plain = self.look is not None
+        if instant is None:
+            event = in_between(self.random, self.tree, trace, place, event, plain=plain)
+        else:
+            event = timed(self.random, self.tree, event, instant, plain=plain)
+        return [*trace[:place], event, *trace[place:]]
+
+    def _absent(self, clause: Without) -> Json:
+        """Return an event of an absence, under the values of the match, that its guard accepts if one was found."""
+        shared = {name: self._bound[name] for name in clause.shared if name in self._bound}
+        event: Json = {}
+        for _ in range(_BUILDS):
+            event = self._event(clause.pattern, shared, self.others)
+            found = match(clause.pattern, event, dict(shared))
+            if found is not None and (clause.guard is None or holds(clause.guard, {**self._bound, **found})):
+                break
+        return event
 
     def noisy(self, trace: list[Json]) -> list[Json]:
         """Return the trace with harmless noise events; `strict` allows none."""

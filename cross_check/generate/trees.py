@@ -5,18 +5,18 @@ variables, guards with values of wrong types, `ignore`, kinds and topics. Some a
 windows, conditions on time, counted leaves, `pand`, functions, a semantics, types and assumptions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from random import Random
 from typing import Any, Final
 
 from cross_check.generate.times import FORMATS
-from rvaft.api import loads
 from rvaft.errors import TreeError
+from rvaft.model import guards
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime
-from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint
+from rvaft.model.guards import OPERATORS, Duration, Guard, Operation, Operator, Sort, TimePoint
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import (
     Argument,
@@ -37,6 +37,7 @@ from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Some
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
+from rvaft.rules.loading import loads
 from rvaft.rules.validity import require_valid
 
 DECLARED: Final = loads("""
@@ -56,7 +57,15 @@ EVENTS: Final = (*DECLARED.events.values(),)
 TOPICS: Final = (*DECLARED.topics.values(),)
 LITERALS: Final = (0, 1, 2, "a", True, None, 1.5)
 VARIABLES: Final = ("X", "Y", "Z")
-COMPARISONS: Final = (*map(Operator, ("==", "!=", "<", "<=", ">", ">=")),)
+COMPARISONS: Final = tuple(operator for operator in OPERATORS if operator in guards.COMPARISONS)
+_CALCULATIONS: Final = tuple(one for one in OPERATORS if one in guards.ARITHMETIC)
+_FUNCTIONS: Final = tuple(one for one in OPERATORS if one in guards.FUNCTIONS or one is Operator.IN)
+_OPERANDS: Final[Mapping[Sort, Sequence[Json]]] = {
+    Sort.TEXT: ("a", "A", "ab", "", "a*", "?", "*a?"),
+    Sort.NUMBER: (0, 1, 2, 1.5),
+    Sort.TRUTH: (True, False),
+}
+"""Constants beside a variable of this sort; a text may be a glob."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,7 +202,8 @@ class _Growth:
         left: Guard = Variable(r.choice(names)) if names else Literal(r.choice(LITERALS))
         right: Guard = Variable(r.choice(names)) if names and r.random() < 0.4 else Literal(r.choice(LITERALS))
         if r.random() < 0.2:
-            left = Operation(r.choice((Operator.ADD, Operator.SUB, Operator.MUL, Operator.DIV)), (left, Literal(2)))
+            operator = r.choice(_CALCULATIONS)
+            left = Operation(operator, (left, Literal(2))[: OPERATORS[operator].arity])
         guard: Guard = Operation(r.choice(COMPARISONS), (left, right))
         if r.random() < 0.2:
             guard = Operation(Operator.NOT, (guard,))
@@ -377,22 +387,15 @@ class _Additions:
         return Operation(Operator.NOT, (guard,)) if r.random() < 0.2 else guard
 
     def _function(self, variable: Variable) -> Guard:
-        r = self.random
-        text = Literal(r.choice(("a", "A", "ab", "")))
-        number = Literal(r.choice((0, 1, 2, 1.5)))
-        listed = tuple(Literal(one) for one in r.sample(LITERALS, 2))
-        guards: list[Guard] = [
-            Operation(Operator.IN, (variable, *listed)),
-            Operation(r.choice((Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)), (variable, text)),
-            Operation(Operator.LIKE, (variable, Literal(r.choice(("a*", "?", "*a?", "*"))))),
-            Operation(r.choice((Operator.EQ, Operator.NE)), (Operation(Operator.LOWER, (variable,)), text)),
-            Operation(r.choice(COMPARISONS), (Operation(Operator.ABS, (variable,)), number)),
-            Operation(r.choice(COMPARISONS), (Operation(Operator.NUMBER, (variable,)), number)),
-            Operation(r.choice(COMPARISONS), (Operation(r.choice(_EXTREMES), (variable, Literal(1))), number)),
-        ]
-        guard = r.choice(guards)
+        r, operator = self.random, self.random.choice(_FUNCTIONS)
+        facts = OPERATORS[operator]
+        others = r.choice((1, 2)) if facts.arity is None else facts.arity - 1
+        sorts = [sort for sort in _OPERANDS if facts.takes is not None and sort in facts.takes]
+        operands = [r.choice(_OPERANDS[r.choice(sorts)] if sorts else LITERALS) for _ in range(others)]
+        guard = Operation(operator, (variable, *map(Literal, operands)))
+        if facts.gives is not Sort.TRUTH:
+            guard = Operation(r.choice(COMPARISONS), (guard, Literal(r.choice(_OPERANDS[facts.gives]))))
         return Operation(Operator.NOT, (guard,)) if r.random() < 0.2 else guard
 
 
 _JUNCTIONS: Final = (Operator.AND, Operator.AND, Operator.OR)
-_EXTREMES: Final = (Operator.MIN, Operator.MAX)

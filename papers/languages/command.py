@@ -22,11 +22,11 @@ from papers.languages.measurement import (
     unmeasured,
 )
 from papers.languages.tables import Width, csv_text, headline, latex_text, pandas, read_rows, text_lines
-from rvaft.api import narrowed
 from rvaft.backend import backend
 from rvaft.cli import FAILED, FOUND, INTERRUPTED, Failures, Stopped, options, report
 from rvaft.model.nodes import Gate
 from rvaft.model.verdict import Semantics
+from rvaft.rules.validity import valid_part
 from rvaft.support.files import deliver, write_whole
 
 _GATES: Final = "Compare these gates.  [default: all, without a TREE]"
@@ -73,7 +73,7 @@ def compare_command(
     nothing = width is not None and latex is None and plots is None
     options.refuse(nothing, "--width needs --latex or --plots")
     failures = Failures()
-    subject = lambda path: Subject(click.format_filename(path), narrowed(options.load_tree(path)))  # noqa: E731
+    subject = lambda path: Subject(click.format_filename(path), valid_part(options.load_tree(path)))  # noqa: E731
     subjects = list(failures.collect(subject, dict.fromkeys(trees)))
     gates = (() if trees else tuple(Gate)) if given["gates"] is None else given["gates"]
     subjects += gate_subjects(gates, given["max_arity"])

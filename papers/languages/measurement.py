@@ -42,7 +42,7 @@ from cross_check.generate.times import SECOND, TODAY, timed
 from cross_check.generate.values import fitting, interesting_values
 from cross_check.participants import loaded
 from cross_check.results import DETECTIONS_ONLY, Status, raised, reason
-from rvaft.api import loads, resolve_semantics
+from rvaft.api import loads
 from rvaft.backend import Specification, all_backends, backend
 from rvaft.engine import Engine
 from rvaft.errors import Cause, NotExpressible, OptionError, RvaftError, unwritten
@@ -50,7 +50,7 @@ from rvaft.language.printer import dumps
 from rvaft.model.assumptions import first_violation
 from rvaft.model.nodes import Assumption, Gate, Node
 from rvaft.model.patterns import Anything, Literal, substitute
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor

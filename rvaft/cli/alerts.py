@@ -229,7 +229,7 @@ ALL_REPORTERS: Final[Mapping[str, Callable[[MonitorSettings, Sink], Reporter]]] 
     "template": _templated,
 }
 _PLACEHOLDER: Final = re.compile(r"\{([A-Za-z_]\w*)(?:\.([^{}:\s]+)|:(event|line|time))?\}")
-_FOUND: Final = ("tree", "trace", "key", "event", "line", "branch", "kinds", "variables", "matched")
+_FOUND: Final = ("tree", "trace", "key", "event", "line", "branch", "kinds", "variables", "matched", "absent")
 _RULE: Final = ("title", "level", "tags", "description")
 _OWN: Final[Mapping[str, Callable[[Alert], Json]]] = {
     "root": lambda alert: alert.settings.tree.root,

@@ -6,15 +6,16 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 import click
 
-from rvaft.api import narrowed, resolve_semantics, translate
+from rvaft.api import translate
 from rvaft.backend import Backend, UnknownBackend, all_backends, backend
 from rvaft.capabilities import table
 from rvaft.cli import options
 from rvaft.errors import OptionError, TooLarge, ToolFailed, ToolMissing
 from rvaft.export.formats import PICTURES, Format, format_of
 from rvaft.model.nodes import Kind, Node
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.verdict import Semantics
+from rvaft.rules.validity import valid_part
 from rvaft.support.files import deliver
 from rvaft.support.terminal import columns, visible
 
@@ -134,7 +135,7 @@ def _draw(
     """Write a drawing of the automaton."""
     options.refuse(form != "text", f"--to dot writes a drawing: omit --format {form}")
     options.refuse(mapping is not None, "--to dot writes a drawing: omit --mapping")
-    part, suffix = narrowed(tree, branch, kind), PurePath(output or "").suffix
+    part, suffix = valid_part(tree, branch, kind), PurePath(output or "").suffix
     known = "known: .dot, .gv, .svg, .pdf, .png"
     options.refuse(suffix and not _is_drawing(output), f"no drawing of an automaton has the suffix {suffix}; {known}")
     try:

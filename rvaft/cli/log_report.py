@@ -6,7 +6,6 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import narrowed
 from rvaft.cli import FAILED, log_options, options, warn
 from rvaft.cli.monitor import TracesGiven, limit_option, plan_of, require_companions, stream_options
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held, read_afresh
@@ -15,6 +14,7 @@ from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.model.nodes import Kind
 from rvaft.reports.index import INDEX, Row, index_page, page_names
 from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Messages
+from rvaft.rules.validity import valid_part
 from rvaft.stream.detection import Hooks
 from rvaft.stream.listeners import MonitoredTrace
 from rvaft.stream.monitor_set import Per
@@ -119,7 +119,7 @@ class PageRequest:
         for file, whole in wholes.items():
             name = click.format_filename(file)
             with about(file, many=many):
-                plan = plan_of(narrowed(whole, branch, kind), whole, given)
+                plan = plan_of(valid_part(whole, branch, kind), whole, given)
                 self.reports[name] = report = LogReport(whole, plan, most=most, grows=follow)
             self.settings.append(
                 MonitorSettings(

@@ -10,25 +10,26 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from rvaft.api import narrowed, repeating_engine, resolve_semantics, translate
+from rvaft.api import translate
 from rvaft.cli import FAILED, Failures, log_options, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
-from rvaft.engine.monitor import Engine
+from rvaft.engine.monitor import Engine, repeating_engine
 from rvaft.errors import NotExpressible, TooLarge, ToolMissing
 from rvaft.export.formats import PICTURES
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.values import has_surrogate
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import DEFAULT_LIMIT, Monitor
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
+from rvaft.rules.validity import valid_part
 from rvaft.stream.checkpoint import EVERY, CheckpointFile
 from rvaft.stream.detection import Hooks
 from rvaft.stream.keys import MAX_DISTINCT, MAX_KEYS, Field, Key
@@ -166,7 +167,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     native_run = None
     for file, whole in wholes.items():
         with about(file, many=many):
-            part, semantics = narrowed(whole, branch, kind), resolve_semantics(whole, given["semantics"])
+            part, semantics = valid_part(whole, branch, kind), resolve_semantics(whole, given["semantics"])
             native_run = _native_run(part, semantics, given) if given["native"] else None
             plans.append(plan_of(part, whole, given, native_run))
     parts = [plan.monitors.columns[0].part for plan in plans]
@@ -187,7 +188,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
                 warn(AFRESH.format(what="nothing was detected"))
             return FAILED if traces.missing.met else status
     _check_traces(given, traces, engine)
-    _check_repetition(given, wholes.values(), engine)
+    _check_repetition(given, wholes.values())
     options.require_times(given["clock"], wholes.values())
     if engine is None and native_run is not None and (given["form"] == "text" or given["detections"]):
         engine = native_run.engine(plans[0])
@@ -275,12 +276,11 @@ def _repeat_by(tree: RVAFT, given: Mapping[str, Any]) -> str | None:
     return by or (tree.repeat_by if given["repeat"] else None)
 
 
-def _check_repetition(given: Mapping[str, Any], trees: Iterable[RVAFT], engine: QueryEngine | None) -> None:
+def _check_repetition(given: Mapping[str, Any], trees: Iterable[RVAFT]) -> None:
     """Refuse repetition by a variable where a monitor only starts afresh as a whole."""
-    wrong = given["backend"] is not None or engine is not None
-    by = next((by for tree in trees if wrong and (by := _repeat_by(tree, given))), None)
+    by = next((by for tree in trees if given["backend"] is not None and (by := _repeat_by(tree, given))), None)
     named = "--repeat-by" if given["repeat_by"] is not None else f"`repeat by {by};`"
-    options.refuse(by, f"{named} is for monitors of the engine, and --native: omit --backend or --engine")
+    options.refuse(by, f"{named} is for monitors of the engine, and --native: omit --backend")
 
 
 def _check_many(given: Mapping[str, Any], branch: int | None) -> None:

@@ -14,7 +14,6 @@ from typing import Any, BinaryIO, Final, TypeVar, cast
 
 import click
 
-from rvaft.api import load, loads
 from rvaft.backend import UnknownBackend, backend, speaking
 from rvaft.errors import OptionError, TooLarge
 from rvaft.language.draft import Draft
@@ -23,6 +22,7 @@ from rvaft.model.event_time import duration
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
+from rvaft.rules.loading import load, loads
 from rvaft.support.files import error_context, note_input, opened_within, require_folder, require_target
 from rvaft.support.wording import did_you_mean
 

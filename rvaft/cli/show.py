@@ -17,7 +17,7 @@ from rvaft.core.classifier import TreeReads
 from rvaft.errors import OptionError
 from rvaft.export.drawing import draw
 from rvaft.export.formats import SUFFIXES, Format, format_of
-from rvaft.export.interchange import losses
+from rvaft.export.galileo_text import losses
 from rvaft.export.layout import NARROWEST, WIDTH, Look, Marks, branch_marks, marks
 from rvaft.export.property_text import WIDTH as LATEX_WIDTH
 from rvaft.export.property_text import align_latex, kinds_of, property_sign, property_text, property_unicode

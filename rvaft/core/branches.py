@@ -5,12 +5,12 @@ fastest; a gate outside the branch has digit 0. Enumeration is lazy and has no d
 above 0 requires that its gate is reached, and this is propagated.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import islice
-from typing import ClassVar, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias, cast
 
 from rvaft.core.build import build
 from rvaft.core.property import One
@@ -18,6 +18,7 @@ from rvaft.errors import TooLarge, TreeError
 from rvaft.model.nodes import Kind, Node
 from rvaft.model.tree import RVAFT, Whole, reachable
 from rvaft.support.bits import bits, union
+from rvaft.support.plugins import plugin
 
 DEFAULT_LIMIT = 20_000
 _MOST: Final = 10**9
@@ -37,9 +38,6 @@ class Branch:
     [(1, 'a'), (2, 'b ; c')]
     """
 
-    text: "ClassVar[Callable[[Branch], str]]"
-    """Writes a branch's property; set by `rvaft.api`, a higher layer."""
-
     tree: RVAFT
     number: int
     choices: Mapping[str, str]
@@ -57,7 +55,7 @@ class Branch:
     @cached_property
     def formula(self) -> str:
         """The property as text: `;` sequence, `&` any order, `|` choice, conditions in brackets."""
-        return type(self).text(self)
+        return cast("str", plugin("rvaft.displays", "branch")(self))
 
     def children(self, name: str) -> tuple[str, ...]:
         """Return the children of a node that the branch keeps."""

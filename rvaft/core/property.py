@@ -4,7 +4,7 @@ Parts form a DAG: a shared part is observed and resolved once. Parts are hash-co
 equal content are the same object and are compared by identity.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import cached_property
@@ -320,6 +320,12 @@ class Property:
         return any(
             isinstance(part, Within) or (isinstance(part, Condition) and time_points(part.guard)) for part in self.parts
         )
+
+    def events_without(self, variable: str) -> Iterator[Event | Times]:
+        """Yield the events whose pattern does not bind a variable to one value for the match."""
+        for part in reversed(self.parts):
+            if isinstance(part, Event | Times) and variable not in rigid_variables(part.pattern):
+                yield part
 
     @cached_property
     def absences(self) -> tuple[Without, ...]:

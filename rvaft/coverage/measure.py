@@ -9,7 +9,6 @@ from itertools import chain, combinations, islice
 from math import inf
 from typing import BinaryIO, Final, NamedTuple, Self, TypeAlias, cast
 
-from rvaft.api import narrowed, resolve_semantics
 from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
@@ -23,11 +22,12 @@ from rvaft.engine.selection import measured_strategy
 from rvaft.engine.strategy import Progress
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.nodes import Kind
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_LIMIT, Awaited
 from rvaft.readers.json_lines import read
+from rvaft.rules.validity import valid_part
 from rvaft.stream import sources
 from rvaft.stream.data_warnings import DataWarning, DataWarnings
 from rvaft.stream.statistics import EventKind, EventTypeIndex
@@ -402,7 +402,7 @@ class Coverage:
         limit: int = DEFAULT_BRANCHES,
         configurations: int = DEFAULT_LIMIT,
     ) -> None:
-        narrowed(tree, branch, kind)  # raises all errors about the selection
+        valid_part(tree, branch, kind)  # raises all errors about the selection
         self.tree = tree
         self.semantics = resolve_semantics(tree, semantics)
         self._branches: list[tuple[BranchFollower, frozenset[str]]] = []

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import chain, permutations
 from typing import NamedTuple
 
-from rvaft.core.patterns import Overlaps
+from rvaft.core.overlaps import Overlaps
 from rvaft.core.property import PartKind
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.support.bits import DisjointSets, bits, mask_of, union

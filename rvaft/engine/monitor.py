@@ -299,3 +299,12 @@ class Engine(Monitor):
             waiting = self._pending(DEFAULT_BRANCHES, self._position)
             self._ended = Ended(self._position, waiting)
         return self._ended
+
+
+def repeating_engine(
+    tree: RVAFT, semantics: Semantics, *, limit: int = DEFAULT_LIMIT, repeat: bool = False, by: str | None = None
+) -> Engine:
+    """Return the engine of a valid tree or part that may be repeated, each value of a variable for itself if
+    `by` or the tree names one.
+    """
+    return Engine(tree, semantics, limit=limit, repeat_by=by or (tree.repeat_by if repeat else None))

@@ -15,7 +15,7 @@ from itertools import chain, combinations, product
 from math import inf
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
-from rvaft.core.patterns import Overlaps
+from rvaft.core.overlaps import Overlaps
 from rvaft.core.property import PartKind
 from rvaft.engine.compiled_tree import (
     NOTHING,

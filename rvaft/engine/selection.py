@@ -1,7 +1,7 @@
 """The strategy for a property."""
 
 from rvaft.core.passes import decide_constants, followed
-from rvaft.core.property import IMPOSSIBLE, Event, Property, Times
+from rvaft.core.property import IMPOSSIBLE, Property
 from rvaft.engine.absence import AbsentEvents
 from rvaft.engine.all_matches import Contiguous
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
@@ -13,7 +13,6 @@ from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.strategy import Measured, Strategy
 from rvaft.engine.units import units
 from rvaft.errors import OptionError
-from rvaft.model.patterns import rigid_variables
 from rvaft.model.verdict import Semantics
 
 
@@ -21,12 +20,11 @@ def require_shared(prop: Property, name: str, semantics: Semantics) -> None:
     """Raise `OptionError` unless every event of a property binds a variable, under `scattered`."""
     if semantics is not Semantics.SCATTERED:
         raise OptionError(f"repetition by {name} needs the semantics scattered, not {semantics}")
-    for part in prop.parts:
-        if isinstance(part, Event | Times) and name not in rigid_variables(part.pattern):
-            why = f"the event of {part.source.node} does not bind it"
-            raise OptionError(
-                f"matches cannot be repeated by {name}: {why}; a match has one {name} from its first event on"
-            )
+    for part in prop.events_without(name):
+        why = f"the event of {part.source.node} does not bind it"
+        raise OptionError(
+            f"matches cannot be repeated by {name}: {why}; a match has one {name} from its first event on"
+        )
 
 
 def strategy_of(prop: Property, semantics: Semantics, *, limit: int, repeat_by: str | None = None) -> Strategy:

@@ -11,7 +11,7 @@ from enum import Enum, auto
 from itertools import chain, combinations, product
 from typing import Final, NamedTuple
 
-from rvaft.core.patterns import Overlaps
+from rvaft.core.overlaps import Overlaps
 from rvaft.core.property import (
     All,
     AtLeast,

@@ -7,27 +7,22 @@ import json
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Iterable, Sequence, Set
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from rvaft.backend import Backend, Observed, Specification
+from rvaft.backend import Backend, Specification
 from rvaft.core.branches import branch as numbered
 from rvaft.core.solver import witness
-from rvaft.core.times import untimed
 from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing, unwritten
-from rvaft.export.interchange import condition_json, json_text, pattern_json, time_json
+from rvaft.export.tree_json import json_text, pattern_json
 from rvaft.model import guards, patterns
-from rvaft.model.event_time import EventTime
 from rvaft.model.nodes import Assumption, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 
 PROGRAM: Final = "rvaft-verified"
-EVERY: Final = Observed(patterns.ObjectPattern(()))
-"""Every event is an object."""
 CERTIFIED: Final = "certified: for every trace the text has the verdict of the tree"
 IN_ORDER: Final = "certified: for every trace without late events the text has the verdict of the tree"
 
@@ -75,45 +70,6 @@ def run(
         raise ToolFailed("verified", reason=f"exit status {done.returncode}")
     why = done.stderr.strip().replace(f"{file}: ", "").removeprefix(f"{PROGRAM}: ")
     return done.returncode, done.stdout.split("\n")[:-1], why
-
-
-@dataclass
-class EventConditions:
-    """The tests of events in a formal text: Boolean formulas over numbered predicates."""
-
-    time: EventTime | None = None
-    numbers: dict[str, int] = field(default_factory=dict)
-    """The number of each predicate, which is written as JSON."""
-
-    def _number(self, predicate: Json) -> Json:
-        written = json.dumps(predicate)  # as values of Python, 1 and true are equal
-        return ["predicate", self.numbers.setdefault(written, len(self.numbers))]
-
-    def of(self, one: Observed, shared: Set[str] = frozenset()) -> Json:
-        """Return a test whose variables are its own, or `shared`; raises `NotExpressible` for others."""
-        if one == EVERY and not shared:
-            return ["and"]
-        own, asked = {*patterns.variables(one.pattern)}, {*guards.variables(one.when)}
-        if not asked <= own | shared or not shared <= own | asked or any(name.startswith("_") for name in shared):
-            raise NotExpressible(unwritten("a guard has variables that its event does not bind"))
-        return self._number({"pattern": pattern_json(one.pattern), "condition": condition_json(one.when)})
-
-    def atom(self, pattern: patterns.Pattern, when: Iterable[guards.Guard] = ()) -> Json:
-        """Return a test whose variables have one value in a slice of a trace."""
-        bare, time = untimed(pattern)
-        if time is not None and time.startswith("_"):  # no slice binds a variable of one event
-            time = None
-        return self._number({"pattern": pattern_json(bare), "time": time, "guards": list(map(condition_json, when))})
-
-    def relevance(self, relevant: Iterable[Any], ignored: Iterable[Any]) -> Json:
-        """Return the test of an event that some of `relevant` and none of `ignored` accepts."""
-        wanted, unwanted = ([self.of(Observed(one.pattern, one.when)) for one in kind] for kind in (relevant, ignored))
-        return ["and", ["or", *wanted], ["not", ["or", *unwanted]]]
-
-    def text(self, language: str, body: Json) -> dict[str, Any]:
-        """Return the formal text with these predicates."""
-        predicates = list(map(json.loads, self.numbers))
-        return {"language": language, "time": time_json(self.time), "predicates": predicates, "text": body}
 
 
 def certificate(

@@ -118,6 +118,14 @@ def picture(dot: str, form: str, *, timeout: float = 300.0) -> bytes:
     return _CREATED.sub(b"/CreationDate (D:19700101000000", done.stdout) if form == "pdf" else done.stdout
 
 
+def notebook_svg(tree: RVAFT) -> str | None:
+    """Return a picture of a tree for a notebook; None without Graphviz."""
+    try:
+        return picture(dot_text(tree), "svg", timeout=20).decode()
+    except (ToolMissing, ToolFailed):
+        return None
+
+
 def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
     """Return the tree in the DOT language; node identifiers contain the top-down number of the
     node.

@@ -6,10 +6,11 @@ from typing import Final
 from rvaft.core.branches import whole
 from rvaft.export.dot import dot_text, picture
 from rvaft.export.formats import PICTURES, WRITTEN, Format
-from rvaft.export.interchange import galileo_text, json_text
+from rvaft.export.galileo_text import galileo_text
 from rvaft.export.layout import PLAIN, TERMINAL, Look, marks
 from rvaft.export.text import tree_text
 from rvaft.export.tikz import tikz_text
+from rvaft.export.tree_json import json_text
 from rvaft.language.printer import dumps
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json

@@ -39,6 +39,7 @@ _HEARTBEAT: Final = 5.0
 """Seconds between messages that detect closed connections."""
 _REFUSALS: Final = {
     HTTPStatus.FORBIDDEN: "host not allowed: use the server's address or localhost, or allow the host with --origin",
+    HTTPStatus.PERMANENT_REDIRECT: "its address ends in /",
     HTTPStatus.NOT_FOUND: "not found: there is only the page at /",
     HTTPStatus.METHOD_NOT_ALLOWED: "allowed methods: GET",
     HTTPStatus.SERVICE_UNAVAILABLE: "too many open pages; close another one",
@@ -69,6 +70,16 @@ def resource_of(target: str, *, live: bool, pages: Collection[str] = ()) -> Reso
     if last == "":
         return Resource(page, "index" if pages and not page else "page")
     return Resource(page, "events") if last == "events" and live and (page or not pages) else None
+
+
+def moved_to(target: str, pages: Collection[str]) -> str:
+    """Return the address of the page whose final slash the target lacks, or "".
+
+    >>> moved_to("/a?x", ["a"]), moved_to("/b", ["a"])
+    ('/a/', '')
+    """
+    name = target.partition("?")[0].removeprefix("/")
+    return f"/{name}/" if name in pages else ""
 
 
 def cursor_of(target: str, last: str | None) -> str:
@@ -289,7 +300,8 @@ class _Answering(BaseHTTPRequestHandler):
         if not own(self.headers.get_all("Host", []), server.origins):
             self._refuse(HTTPStatus.FORBIDDEN)
         elif found is None:
-            self._refuse(HTTPStatus.NOT_FOUND)
+            moved = moved_to(self.path, server.pages)
+            self._refuse(HTTPStatus.PERMANENT_REDIRECT if moved else HTTPStatus.NOT_FOUND)
         elif not server.room.acquire(blocking=False):
             self._refuse(HTTPStatus.SERVICE_UNAVAILABLE)
         else:
@@ -345,6 +357,8 @@ class _Answering(BaseHTTPRequestHandler):
             self.send_header("Content-Length", str(length))
         if status is HTTPStatus.METHOD_NOT_ALLOWED:
             self.send_header("Allow", "GET, HEAD")
+        if status is HTTPStatus.PERMANENT_REDIRECT:
+            self.send_header("Location", moved_to(self.path, self.server.pages))
         self.send_header("Connection", "close")
         self.end_headers()
 

@@ -17,16 +17,18 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 import msgspec
 
 import rvaft
-from rvaft.api import loads, narrowed, repeating_engine, resolve_semantics
+from rvaft.api import loads
+from rvaft.engine.monitor import repeating_engine
 from rvaft.errors import OptionError, RvaftError, ToolMissing
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import duration
 from rvaft.model.nodes import Kind, Side
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.values import Json, decimal, is_finite
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import DEFAULT_LIMIT
 from rvaft.readers.json_lines import decode
+from rvaft.rules.validity import valid_part
 from rvaft.stream import pipeline
 from rvaft.stream.checkpoint import packed, unpacked
 from rvaft.stream.data_warnings import DataWarnings
@@ -180,7 +182,7 @@ def monitor(
 def _planned(options: _Options) -> _Plan:
     tree = loads(options.text)
     semantics = Semantics(options.semantics)
-    parts = columns(narrowed(tree, options.branch, options.kind), Per(options.per))
+    parts = columns(valid_part(tree, options.branch, options.kind), Per(options.per))
     make = partial(repeating_engine, semantics=semantics, limit=options.limit, repeat=options.repeat)
     monitors = MonitorSet(parts, make, semantics, repeat=options.repeat, cooldown=options.cooldown)
     key = Key.parse(options.key)

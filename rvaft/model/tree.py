@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from heapq import heappop, heappush
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from rvaft.errors import TreeError
+from rvaft.errors import TreeError, one_of
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
@@ -31,6 +31,7 @@ from rvaft.model.nodes import (
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.verdict import Semantics
+from rvaft.support.plugins import plugin
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -66,9 +67,6 @@ class RVAFT:
     >>> tree.order, tree.occurrences
     (('top', 'a', 'b'), ('a', 'b'))
     """
-
-    notebook_svg: "ClassVar[Callable[[RVAFT], str | None]]" = staticmethod(lambda _tree: None)
-    """Draws a tree in a notebook; set by `rvaft.api`, because drawing is a higher layer."""
 
     def __init__(
         self,
@@ -265,7 +263,7 @@ class RVAFT:
         return frozenset(clause.variables).difference(tree.variables)
 
     def _repr_svg_(self) -> str | None:
-        return type(self).notebook_svg(self)
+        return cast("str | None", plugin("rvaft.displays", "tree")(self))
 
     @cached_property
     def _identity(self) -> tuple[object, ...]:
@@ -426,3 +424,13 @@ def _check_call(on: On, events: Mapping[str, EventType], nodes: list[str]) -> No
     if len(on.arguments) != expected:
         message = f"event {on.event} takes {expected} arguments, not {len(on.arguments)}"
         raise TreeError(message, rule="event-arity", nodes=nodes)
+
+
+def resolve_semantics(tree: RVAFT, semantics: Semantics | str | None = None) -> Semantics:
+    """Return the given semantics, else that of the tree, else `projected`; raises `OptionError`.
+
+    >>> from rvaft import loads
+    >>> resolve_semantics(loads("semantics scattered; top or a b;"))
+    <Semantics.SCATTERED: 'scattered'>
+    """
+    return (tree.semantics or Semantics.PROJECTED) if semantics is None else one_of(Semantics, semantics)

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, assert_never
 
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.core.passes import expand_times, order_ends
 from rvaft.core.property import (
     All,
@@ -18,7 +19,6 @@ from rvaft.core.property import (
     Within,
     Without,
 )
-from rvaft.core.scenario_space import ScenarioSpace
 from rvaft.core.scenarios import Scenario, most_events, scenarios
 from rvaft.errors import TooLarge
 from rvaft.language.draft import Draft

@@ -5,7 +5,7 @@ from pathlib import Path
 from textwrap import indent
 from typing import Final, NamedTuple
 
-from rvaft.core.scenario_space import ScenarioSpace
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.errors import RvaftError
 from rvaft.language.draft import Draft
 from rvaft.model.tree import RVAFT
@@ -28,6 +28,7 @@ TREE_RULES: Final = (
     Rule("ros-time", Severity.INFORMATION, times.ros_time),
     Rule("unstated-semantics", Severity.WARNING, times.unstated_semantics),
     Rule("tied-values", Severity.WARNING, times.tied_values),
+    Rule("repeat-by", Severity.WARNING, structure.repeat_by),
     Rule("void-absence", Severity.WARNING, absences.void_absence),
     Rule("undeclared", Severity.WARNING, structure.undeclared),
     Rule("unreachable", Severity.WARNING, structure.unreachable),

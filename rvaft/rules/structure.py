@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator
 
-from rvaft.core.scenario_space import ScenarioSpace
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.language.draft import UNMENTIONED, Draft, DraftNode, DraftTopic, GateUse, Located
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points
@@ -12,6 +12,7 @@ from rvaft.model.nodes import EventType, On, Place, ValueType, absolute, topic_o
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT, find_cycle, knots, sorted_topologically
+from rvaft.model.verdict import Semantics
 from rvaft.rules.rule import RuleReport
 from rvaft.support.wording import did_you_mean, listing, similar
 
@@ -93,6 +94,9 @@ def own_values(draft: Draft) -> Iterator[RuleReport]:
         for count, place in node.counts:
             own = (*count.distinct, *count.each)
             there = {name for on in node.ons for name in on.value.variables}
+            for name in set(count.distinct) & set(count.each):
+                message = f"`each {name}` at {node.name} is part of `distinct {name}`; remove `each {name}`"
+                yield RuleReport(place, message, (node.name,))
             timed = any(time_points(guard) for guard, _ in node.whens)
             for name in dict.fromkeys(own):
                 known = [one for one in there if one not in own]
@@ -263,12 +267,31 @@ def ignore_variable(tree: Draft | RVAFT) -> Iterator[RuleReport]:
 
 
 def shown_variable(draft: Draft) -> Iterator[RuleReport]:
-    """The event of some node binds every variable of a `show`."""
+    """The event of some node binds every variable of a `show`, and that of `repeat by`."""
     known = {name for node in draft.nodes.values() for on in node.ons for name in on.value.variables}
-    for name, place in draft.shows:
+    named = [("`show` lists", shown) for shown in draft.shows] + [("`repeat by` names", one) for one in draft.repeats]
+    for what, (name, place) in named:
         if name not in known:
             guess = did_you_mean(name, known) or "; remove it, or add it to the `on` of a node"
-            yield RuleReport(place, f"`show` lists {name}, which no event of a node binds{guess}")
+            yield RuleReport(place, f"{what} {name}, which no event of a node binds{guess}")
+
+
+def repeat_by(space: ScenarioSpace) -> Iterator[RuleReport]:
+    """The semantics is `scattered` and every event binds the variable, where matches are repeated by a variable."""
+    tree = space.tree
+    if (name := tree.repeat_by) is None:
+        return
+    place = tree.nodes[tree.root].place()
+    if tree.semantics is not Semantics.SCATTERED:
+        declared = "declares no semantics" if tree.semantics is None else f"is {tree.semantics}"
+        message = f"`repeat by {name}` needs `semantics scattered;`, but the tree {declared}"
+        yield RuleReport(place, message)
+    for part in space.prop.events_without(name):
+        node = tree.nodes[part.source.node]
+        own = name in node.own_values
+        why = f"has a {name} of its own in each event" if own else f"does not bind {name} in its event"
+        message = f"matches cannot be repeated by {name}: {node.name} {why}; a match has one from its first event on"
+        yield RuleReport(node.place("on"), message, (node.name,))
 
 
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
@@ -287,7 +310,7 @@ def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:
             uses.update((*clause.on.variables, *guard_variables(clause.when)))
             for name in clause.on.variables:
                 where.setdefault(name, (clause.place, name, (node.name,)))
-    once = [found for name, found in where.items() if uses[name] == 1 and name not in tree.shows]
+    once = [found for name, found in where.items() if uses[name] == 1 and name not in (*tree.shows, tree.repeat_by)]
     for ignore in tree.ignores:
         inside = Counter([*ignore.on.variables, *guard_variables(ignore.when)])
         once += [(ignore.place, name, ()) for name in inside if inside[name] == 1]

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeAlias
 
+from rvaft.core.feasibility import Edge, ScenarioSpace, borne_surely, fewest_events, node_of
 from rvaft.core.passes import MOST
 from rvaft.core.property import Event, Times
-from rvaft.core.scenario_space import Edge, ScenarioSpace, borne_surely, fewest_events, node_of
 from rvaft.core.scenarios import Kept
 from rvaft.core.times import point_bounds
 from rvaft.model.event_time import TextFormat, TimeFormat

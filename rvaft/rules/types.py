@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import Final
 
-from rvaft.core.scenario_space import ScenarioSpace
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.model.assumptions import arguments, has_type, sort_of, variable_types
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import (

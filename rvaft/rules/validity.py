@@ -6,8 +6,8 @@ from typing import Any, Final
 from weakref import WeakKeyDictionary
 
 from rvaft.core.branches import alternatives, restrict
-from rvaft.core.scenario_space import ScenarioSpace
-from rvaft.errors import TreeError
+from rvaft.core.feasibility import ScenarioSpace
+from rvaft.errors import TreeError, one_of
 from rvaft.language.draft import Draft
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
@@ -102,10 +102,12 @@ def findings(rules: Iterable[Rule], subject: Any) -> list[Finding]:
     return sorted(found, key=ORDER)
 
 
-def valid_part(tree: RVAFT, branch: int | None = None, kind: Kind | None = None) -> RVAFT:
-    """Return the tree, or its restriction to a branch or kind; raises `TreeError`."""
+def valid_part(tree: RVAFT, branch: int | None = None, kind: Kind | str | None = None) -> RVAFT:
+    """Return the tree, or its restriction to a branch or kind; raises `TreeError`, and `OptionError` for
+    another word than a kind.
+    """
     require_valid(tree)
-    part = restrict(tree, branch=branch, kind=kind)
+    part = restrict(tree, branch=branch, kind=None if kind is None else one_of(Kind, kind))
     try:
         require_valid(part)
     except TreeError as error:

@@ -30,7 +30,6 @@ from typing import Any, BinaryIO, Final, cast
 
 import msgspec
 
-import rvaft
 from rvaft.errors import CheckpointError, OptionError
 from rvaft.language.printer import dumps
 from rvaft.model.event_time import EventTime, Jump, TextFormat, TimeFormat
@@ -49,6 +48,7 @@ from rvaft.stream.monitor_set import DetectionCount
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.statistics import NearMissCount, Statistics
 from rvaft.support.files import SUFFIXES, error_context, opened, write_whole
+from rvaft.support.plugins import version
 
 EVERY: Final = 10_000
 """Default number of events between two checkpoints."""
@@ -278,7 +278,7 @@ class CheckpointFile:
 
     def __post_init__(self) -> None:
         self._about = Checkpoint(
-            version=rvaft.__version__,
+            version=version(),
             tree=_sha("\n".join(map(_text, self.trees)).encode()),
             settings=dict(self.settings),
         )

@@ -1,4 +1,4 @@
-"""Entry points of installed packages, which are looked up on use.
+"""Entry points of installed packages and the version of this one, which are looked up on use.
 
 Importing `importlib.metadata` takes a tenth of the start of a command.
 """
@@ -14,3 +14,15 @@ def entry_points(**chosen: Any) -> "EntryPoints":
     """Return the entry points of a `group`, or that with a `name`."""
     found: EntryPoints = import_module("importlib.metadata").entry_points(**chosen)
     return found
+
+
+def version() -> str:
+    """Return the version of rvaft."""
+    found: str = import_module("importlib.metadata").version("rvaft")
+    return found
+
+
+def plugin(group: str, name: str) -> Any:
+    """Return what a higher layer provides under this name."""
+    (found,) = entry_points(group=group, name=name)
+    return found.load()

@@ -78,10 +78,10 @@ def test_every_operator_is_refused_unless_it_is_listed(operator: Operator, guard
     class Without(Bare):
         says = GATES | {Condition}
         values = JSON_VALUES
-        operators = EVERY_OPERATOR - {operator}
+        operators = frozenset(Operator) - {operator}
 
     class With(Without):
-        operators = EVERY_OPERATOR
+        operators = frozenset(Operator)
 
     text = f"r on e(X) when {guard};"
     assert f"`{operator.value}`" in refusal(Without(), text).reason

@@ -12,7 +12,7 @@ from backends.conformance import asks_of_strings
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from cross_check.participants import detected, detections
 from rvaft import RVAFT, Backend, Gate, Monitor, Node, NotExpressible, Semantics, TooLarge, Verdict, dumps, loads
-from rvaft.core.patterns import overlaps
+from rvaft.core.overlaps import overlaps
 from rvaft.model.assumptions import first_violation
 from rvaft.model.guards import variables
 from rvaft.model.nodes import Side, Without

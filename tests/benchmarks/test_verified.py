@@ -7,7 +7,7 @@ from random import Random
 import pytest
 
 from rvaft import Semantics, loads
-from rvaft.export.interchange import json_text
+from rvaft.export.tree_json import json_text
 from tests.benchmarks.conftest import Ratios
 from tests.benchmarks.test_native import decoding, running
 from tests.proofs.verified import PROGRAM, built

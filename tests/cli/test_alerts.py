@@ -55,6 +55,15 @@ def test_a_template_prints_a_line_for_each_detection(template: str, printed: str
         assert (result.exit_code, result.stdout) == (1, f"{printed}\n")
 
 
+def test_a_template_names_absent_events(tmp_path: Path) -> None:
+    tree = "semantics scattered; time t as s; event b(r) = { b: r }; lost on b(R) without b(R) for 2 s after;"
+    files = written(tmp_path / "t.rvaft", tree), written(tmp_path / "l.jsonl", '{"b": 1, "t": 0}\n')
+    result = run("monitor", *files, "--complete", "--template", "{R}: {absent}")
+    robot, _, absent = result.stdout.partition(": ")
+    told = {"node": "lost", "event": "b(R)", "side": "after", "duration": 2_000_000_000, "after": 1, "before": None}
+    assert (robot, json.loads(absent)) == ("1", told)
+
+
 def test_a_template_from_a_file_and_refusals(tmp_path: Path) -> None:
     template = "@" + str(written(tmp_path / "a.txt", '{\n "x": {root}\n}\n'))
     assert alerts(tmp_path, "--template", template) == [{"x": "top"}]

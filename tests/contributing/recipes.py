@@ -62,7 +62,7 @@ GATE: Final[Recipe] = {
             "            return len(node.children) - place\n",
             "        case Gate.INHIBIT:\n            return (place + 1) % len(node.children) + 1\n",
         ),
-        Edit("rvaft/export/interchange.py", '    Gate.SAND_RL: "pand",\n', '    Gate.INHIBIT: "pand",\n'),
+        Edit("rvaft/export/galileo_text.py", '    Gate.SAND_RL: "pand",\n', '    Gate.INHIBIT: "pand",\n'),
     ],
     "prune": [Edit("rvaft/language/draft.py", "            case Gate.OR | Gate.AND ", "| Gate.INHIBIT ")],
     "grammar": [

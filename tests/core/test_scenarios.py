@@ -10,9 +10,7 @@ import pytest
 
 from rvaft import RVAFT, TooLarge
 from rvaft.core.build import build
-from rvaft.core.passes import restrict
-from rvaft.core.property import EndInOrder, Property, Source
-from rvaft.core.scenario_space import (
+from rvaft.core.feasibility import (
     Edge,
     Resolutions,
     ScenarioSpace,
@@ -23,6 +21,8 @@ from rvaft.core.scenario_space import (
     precedence,
     standstill,
 )
+from rvaft.core.passes import restrict
+from rvaft.core.property import EndInOrder, Property, Source
 from rvaft.core.scenarios import resolutions
 from rvaft.core.scenarios import scenarios as of_property
 from rvaft.model.guards import holds, variables

@@ -17,6 +17,7 @@ from cross_check.participants import Absent, Participant
 from cross_check.results import Job, Result, Status
 from cross_check.traces import Effort
 from rvaft import Causality, Gate, Semantics, dumps, loads
+from rvaft.model.guards import Operation, Operator, walk
 from rvaft.model.values import Json
 from rvaft.rules.validity import require_valid
 
@@ -122,3 +123,13 @@ def test_a_fork_goes_on_alone(semantics: Semantics) -> None:
             fresh = [[*one.run(way)] for one, way in zip(monitors[1:], ways, strict=True)]
             assert said == [*fresh, fresh[0]], name
             assert (twin.state, late.state, monitors[0].state) == tuple(monitors[one].state for one in (1, 1, 2)), name
+
+
+def test_each_operator_is_drawn() -> None:
+    left = set(Operator)
+    for seed in range(3_000):
+        guards = [part for node in random_tree(Random(seed)).top_down() for part in walk(node.when)]
+        left -= {part.operator for part in guards if isinstance(part, Operation)}
+        if not left:
+            break
+    assert left == set()

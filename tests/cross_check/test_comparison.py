@@ -240,6 +240,18 @@ def test_what_ties_events_together_is_tested_and_not_proved(text: str, why: str)
     assert (engine.status, engine.why) == (Status.TESTED if why else Status.PROVED, why)
 
 
+@pytest.mark.parametrize("side", ["before", "after"])
+def test_times_of_absence_are_tested_and_not_proved(side: str) -> None:
+    tree = loads(f'{READ} time t as s; top and a; a without read("c") for 2 s {side};')
+    _, engine, *_ = cross_check(tree, "strict", backends=["c"])
+    assert (engine.status, engine.why) == (Status.TESTED, "times tie events together")
+
+
+def test_what_is_absent_is_asked_about() -> None:
+    tree = loads(f'{READ} top sand a b without read("c");')
+    assert any(one.fits({"event": "read", "value": "c"}) for one in observed_by(tree))
+
+
 def test_what_forgets_a_guard_on_such_a_variable_differs(tmp_path: Path) -> None:
     (tmp_path / "other.rvaft").write_text(f"{READ} top sand b a; a on read(V) when V >= 3; b;")
     tree = loads(f"{READ} top sand b a; a on read(V) when V > 3; b;")

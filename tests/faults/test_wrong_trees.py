@@ -86,7 +86,7 @@ def is_shown(participant: str, wrong: Callable[[RVAFT], RVAFT], **others: Any) -
     """Whether a mistake shows on some tree where the right one does not; None where the language
     can say none of them.
     """
-    unseen: list[tuple[Entry, Semantics, RVAFT]] = []
+    unseen: list[tuple[Entry, Semantics, RVAFT, RVAFT]] = []
     asking = [entry for entry in CATALOGUE if entry.tree.time or any(node.when for node in entry.tree.top_down())]
     asking.sort(key=lambda entry: entry.tree.time is None)
     for entry in asking if others else CATALOGUE:
@@ -100,9 +100,12 @@ def is_shown(participant: str, wrong: Callable[[RVAFT], RVAFT], **others: Any) -
                 if truth.agrees:
                     return True
             elif result.status is not Status.NOT_EXPRESSIBLE:
-                unseen.append((entry, semantics, right))
-    right_ones = (compared(entry, semantics, participant, right) for entry, semantics, right in unseen)
-    said = participant == ENGINE or any(one.status is not Status.NOT_EXPRESSIBLE for one in right_ones)
+                unseen.append((entry, semantics, right, given))
+    said = participant == ENGINE or any(
+        compared(entry, semantics, participant, right).status is not Status.NOT_EXPRESSIBLE
+        and (others or compared(entry, semantics, ENGINE, given).status is Status.DIFFERS)
+        for entry, semantics, right, given in unseen
+    )
     return False if said else None
 
 

@@ -13,7 +13,7 @@ from math import isfinite
 from typing import Any, Final, TypeAlias
 
 from cross_check.generate.times import with_time
-from rvaft import RVAFT, Causality, EventType, Gate, Node, On
+from rvaft import RVAFT, Causality, EventType, Gate, Node, On, Side, Without
 from rvaft.core.branches import restrict
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, substitute, walk
@@ -303,6 +303,16 @@ def lateness(by: int | None) -> Mistake:
     return clocks(late=changed)
 
 
+def absences(change: Callable[[Without], Without]) -> Mistake:
+    """The mistake that the clauses of absent events are others."""
+    return each(lambda node: {"without": tuple(map(change, node.without))} if node.without else {})
+
+
+def lasting(clause: Without, by: int) -> Without:
+    """The clause with another duration, if it has one."""
+    return clause if clause.duration is None else replace(clause, duration=max(clause.duration + by, 0))
+
+
 def finer(time: EventTime) -> TimeFormat | TextFormat:
     """The next smaller unit."""
     units = [TimeFormat.SECONDS, TimeFormat.MILLISECONDS, TimeFormat.MICROSECONDS, TimeFormat.NANOSECONDS]
@@ -385,6 +395,21 @@ MISTAKES: Final[Mapping[str, Mistake]] = {
     "N-1 for N": each(lambda node: {"times": node.times - 1} if node.times > 1 else None),
     "N+1 for N": each(lambda node: {"times": node.times + 1} if node.times > 1 else None),
     "what follows a counted leaf follows its first event": counted_beside,
+    "different values not asked for": each(
+        lambda node: {"distinct": (), "each": node.distinct} if node.distinct else {}
+    ),
+    "values of their own taken for one": each(lambda node: {"each": ()} if node.each else {}),
+    # absent events
+    "a `without` ignored": each(lambda node: {"without": ()} if node.without else {}),
+    "a `without` without its guard": absences(lambda clause: replace(clause, when=None)),
+    "a time of absence a nanosecond too long": absences(lambda clause: lasting(clause, +1)),
+    "a time of absence a nanosecond too short": absences(lambda clause: lasting(clause, -1)),
+    "an absence before as one between": absences(
+        lambda clause: clause if clause.side is Side.AFTER else replace(clause, side=Side.DURING, duration=None)
+    ),
+    "an absence after as one before": absences(
+        lambda clause: replace(clause, side=Side.BEFORE) if clause.side is Side.AFTER else clause
+    ),
     # times
     "a window a nanosecond too long": windows(lambda within: within + 1),
     "`<` for `<=` in a window": windows(lambda within: within - 1),

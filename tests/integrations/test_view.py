@@ -169,8 +169,11 @@ def test_several_trees_have_a_page_each(tmp_path: Path) -> None:
         assert fetched(f"{url}two/")["watches"] == [[0, None, 2, [["?", None, 0]], False]]
         with urlopen(url, timeout=20) as answer:
             assert f'<a href="one/">{trees[0]}</a></td><td>top</td><td class="number">1</td>' in answer.read().decode()
-        for target in (b"/events", b"/three/", b"/one", b"/one/two/", b"/two/../"):
+        for target in (b"/events", b"/three/", b"/three", b"/one/two/", b"/two/../"):
             assert raw(url, b"GET %s HTTP/1.1\r\nHost: localhost\r\n\r\n" % target).startswith(b"HTTP/1.1 404 ")
+        assert raw(url, b"GET /one HTTP/1.1\r\nHost: localhost\r\n\r\n").startswith(b"HTTP/1.1 308 ")
+        with urlopen(f"{url}two?x=1", timeout=20) as answer:
+            assert answer.url == f"{url}two/"
         assert ended(running)[0] == 1
 
 

@@ -15,7 +15,7 @@ from cross_check.generate.trees import PLAIN, random_tree
 from rvaft import RVAFT, Gate, LanguageError, RvaftError, Semantics, Severity, dumps, load, loads, monitor
 from rvaft.export.drawing import draw
 from rvaft.export.formats import Format
-from rvaft.export.interchange import losses
+from rvaft.export.galileo_text import losses
 from rvaft.language.parser import parse
 from rvaft.rules.registry import check
 from rvaft.semantics.scenarios import Resolution, Scenario, branches, of_branch, scenarios

@@ -26,7 +26,7 @@ from rvaft import RVAFT, NotExpressible, Semantics, Verdict, loads, monitor
 from rvaft.cli import main
 from rvaft.core.branches import restrict
 from rvaft.engine.monitor import Engine
-from rvaft.export.interchange import json_text
+from rvaft.export.tree_json import json_text
 from rvaft.model.guards import UNDEFINED, Operation, Operator, value
 from rvaft.model.nodes import Kind, Node, Side, Without
 from rvaft.model.patterns import Variable

@@ -10,7 +10,7 @@ from typing import Any, Final
 import pytest
 
 import rvaft
-from rvaft.export.interchange import json_text
+from rvaft.export.tree_json import json_text
 
 PROOFS: Final = Path(rvaft.__file__).parent.parent / "proofs"
 _BUILT: Final = PROOFS / "build" / "rvaft-verified"

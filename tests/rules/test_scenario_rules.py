@@ -10,7 +10,7 @@ from typing import TypeAlias
 import pytest
 
 from rvaft import RVAFT, EventType, Finding, Gate, Node, On
-from rvaft.core.patterns import overlaps
+from rvaft.core.overlaps import overlaps
 from rvaft.model.expressions import guard_text
 from rvaft.model.guards import Operation, Operator, holds, time_points
 from rvaft.model.guards import variables as guard_variables

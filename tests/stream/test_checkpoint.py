@@ -22,7 +22,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import rvaft
-from rvaft.api import narrowed
 from rvaft.cli import main
 from rvaft.core.classifier import TreeReads
 from rvaft.engine import Engine
@@ -31,6 +30,7 @@ from rvaft.model.nodes import Node
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
 from rvaft.readers.json_lines import LinesRead, decode, read
+from rvaft.rules.validity import valid_part
 from rvaft.stream import checkpoint
 from rvaft.stream.checkpoint import Checkpoint, CheckpointFile, identity, open_at
 from rvaft.stream.detection import Hooks
@@ -227,8 +227,8 @@ def test_what_cannot_be_kept_is_refused_at_once(tmp_path: Path, trace: Path, mon
     ("changes", "reason"),
     [
         ({"trees": [rvaft.loads("top or ab bc; ab sand b a fault; bc sand b c;")]}, "a checkpoint of another tree"),
-        ({"trees": [narrowed(TREE, branch=1)]}, "a checkpoint of another tree, or of another part of it"),
-        ({"trees": [narrowed(TREE, kind="fault")]}, "a checkpoint of another tree, or of another part of it"),
+        ({"trees": [valid_part(TREE, branch=1)]}, "a checkpoint of another tree, or of another part of it"),
+        ({"trees": [valid_part(TREE, kind="fault")]}, "a checkpoint of another tree, or of another part of it"),
         ({"settings": {}}, "of a run with --key robot, not without --key"),
         ({"settings": {"--key": "id"}}, "of a run with --key robot, not with --key id"),
         ({"settings": {"--key": "robot", "--order-by": "t"}}, "of a run without --order-by, not with --order-by t"),
@@ -252,7 +252,7 @@ def test_a_checkpoint_of_another_version_is_refused(
 ) -> None:
     path = tmp_path / "kept"
     with monkeypatch.context() as patched:
-        patched.setattr(rvaft, "__version__", "0.0.9", raising=False)
+        patched.setattr("rvaft.stream.checkpoint.version", lambda: "0.0.9")
         save(path, trace)
     assert f"a checkpoint of rvaft 0.0.9, this is {rvaft.__version__}" in refused(path, trace)
     path.write_bytes(path.read_bytes().replace(b"rvaft checkpoint 9", b"rvaft checkpoint 8", 1))

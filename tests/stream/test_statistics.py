@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from rvaft import RVAFT, loads
-from rvaft.api import narrowed
+from rvaft.rules.validity import valid_part
 from rvaft.stream.statistics import LOOKED_AT, MOST, OTHERS, EventTypeIndex, Statistics
 
 TREE = loads(
@@ -57,7 +57,7 @@ def test_what_is_relevant(tree: RVAFT, event: dict[str, Any], types: str) -> Non
 
 def test_what_is_seen_need_not_be_relevant() -> None:
     assert counted(TREE, {"topic": "/b", "level": 1}).never_seen == ("a",)
-    statistics = counted(narrowed(loads("toplevel r; r or x y; x; y;"), 1, None), {"event": "y"})  # as of the whole
+    statistics = counted(valid_part(loads("toplevel r; r or x y; x; y;"), 1, None), {"event": "y"})  # as of the whole
     assert (statistics.relevant, statistics.names, statistics.never_seen) == ({"y": 1}, ("x", "y"), ("x",))
     tree = loads('event a(v) = { topic: "/a", value: v }; toplevel r; r or x; x on a(1);')
     statistics = counted(tree, {"topic": "/a", "value": 2})

@@ -29,7 +29,7 @@ from backends.rml.reader.syntax import (
 )
 from backends.rml.reader.terms import RmlTerm, TermTable, is_open, mark
 from rvaft.errors import NotExpressible, TooLarge, unwritten
-from rvaft.export.certificates import EventConditions
+from rvaft.export.event_conditions import EventConditions
 from rvaft.model.values import Json, equal
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor

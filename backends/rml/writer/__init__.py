@@ -8,7 +8,7 @@ from backends.rml.writer.determinise import Determinised, equations, feasible_sc
 from backends.rml.writer.event_types import ALWAYS, NEVER, Call, RmlTypes
 from backends.rml.writer.letters import RmlLetters, closed
 from backends.rml.writer.terms import Written, around, symbols
-from rvaft.core.patterns import Overlaps, implies
+from rvaft.core.overlaps import Overlaps, implies
 from rvaft.core.property import Property
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard

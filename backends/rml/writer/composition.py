@@ -34,8 +34,8 @@ from typing import assert_never
 from backends.rml.writer.event_types import when_true
 from backends.rml.writer.letters import RmlLetter, RmlLetters
 from backends.rml.writer.terms import ALL, AND, ANY, OR, SHUFFLE, THEN, Written, around, join, named, then
+from rvaft.core.overlaps import Overlaps
 from rvaft.core.part_numbers import NumberedPart, numbered
-from rvaft.core.patterns import Overlaps
 from rvaft.core.property import Condition, Event, PartKind, parts_below
 from rvaft.model.guards import Operation, Operator, variables
 from rvaft.model.patterns import variables as variables_of

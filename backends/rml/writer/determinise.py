@@ -16,7 +16,7 @@ from typing import Final, NamedTuple, TypeAlias
 from backends.rml.writer.event_types import Call
 from backends.rml.writer.letters import RmlLetter, RmlLetters, Where
 from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, RmlNames, Written, join, named, then
-from rvaft.core.patterns import Overlaps, compatible, implies
+from rvaft.core.overlaps import Overlaps, compatible, implies
 from rvaft.core.property import Condition
 from rvaft.core.scenarios import scenarios
 from rvaft.errors import TooLarge, TreeError

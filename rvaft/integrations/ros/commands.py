@@ -9,7 +9,6 @@ from typing import Any, Final
 
 import click
 
-from rvaft.api import narrowed, resolve_semantics
 from rvaft.cli import log_options, options, warn
 from rvaft.cli.trees import ONE_BRANCH, about, loaded, tree_files
 from rvaft.errors import NotExpressible, OptionError, TooLarge
@@ -18,7 +17,8 @@ from rvaft.integrations.ros.connections_page import ConnectionsPage, Connections
 from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
 from rvaft.integrations.ros.server import CONNECTIONS, PORT, Server
 from rvaft.model.nodes import Kind
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
+from rvaft.rules.validity import valid_part
 from rvaft.stream.monitor_set import Per
 from rvaft.support import output as standard
 from rvaft.support.files import place
@@ -197,4 +197,4 @@ def _part_of(whole: RVAFT, time: ros.MessageTime | None, branch: int | None, kin
         f"the tree reads `time` as {whole.time and whole.time.format}, and ROSMonitoring writes seconds: give "
         "--message-time seconds to convert them, or --message-time declared if clients send what the tree declares",
     )
-    return narrowed(ros.in_seconds(whole) if time is ros.MessageTime.SECONDS else whole, branch, kind)
+    return valid_part(ros.in_seconds(whole) if time is ros.MessageTime.SECONDS else whole, branch, kind)

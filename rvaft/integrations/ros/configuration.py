@@ -9,10 +9,10 @@ from keyword import iskeyword
 from pathlib import Path
 from typing import Final
 
-from rvaft.api import narrowed, translate
+from rvaft.api import translate
 from rvaft.core.branches import alternatives
 from rvaft.core.classifier import TreeReads
-from rvaft.core.scenario_space import ScenarioSpace
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.errors import OptionError, RvaftError, installed
 from rvaft.integrations.ros.server import PORT, REMEDY
 from rvaft.model.assumptions import fields_read
@@ -23,6 +23,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.readers.bag import TIME
+from rvaft.rules.validity import valid_part
 from rvaft.stream.monitor_set import Per, columns
 from rvaft.support.budget import Budget, Undecided
 from rvaft.support.network import LOCAL, is_address, require_host
@@ -120,9 +121,9 @@ def planned(tree: RVAFT, options: RosOptions) -> tuple[Planned, ...]:
             f'"{base}" cannot be the id of a monitor, which is a word of letters, digits and _ and no keyword of Python'
         )
     if branch is not None or kind is not None:
-        wanted = [(f"{base}_{kind}" if branch is None else f"{base}_branch_{branch}", narrowed(tree, branch, kind))]
+        wanted = [(f"{base}_{kind}" if branch is None else f"{base}_branch_{branch}", valid_part(tree, branch, kind))]
     elif per is Per.TREE:
-        wanted = [(base, narrowed(tree))]
+        wanted = [(base, valid_part(tree))]
     else:
         infix = "_branch_" if per is Per.BRANCH else "_"
         wanted = [(f"{base}{infix}{column.label}", column.part) for column in columns(tree, per)[1:]]

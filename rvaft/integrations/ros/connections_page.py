@@ -17,6 +17,7 @@ from rvaft.integrations.live_page import (
     cursor_of,
     headers,
     message,
+    moved_to,
     refusal,
     resource_of,
 )
@@ -130,6 +131,8 @@ class ConnectionsPages:
             status = HTTPStatus.FORBIDDEN
         elif getattr(request, "method", "GET") != "GET":  # websockets before 16 accepts GET only
             status = HTTPStatus.METHOD_NOT_ALLOWED
+        elif kind is None and moved_to(request.path, self._names):
+            status = HTTPStatus.PERMANENT_REDIRECT
         elif kind is None:
             status, more = HTTPStatus.NOT_FOUND, ", and WebSocket"
         elif kind == "events" and self._asking >= BROWSERS:
@@ -142,6 +145,8 @@ class ConnectionsPages:
             fields["Content-Length"] = str(len(response.body))
         if status is HTTPStatus.METHOD_NOT_ALLOWED:
             fields["Allow"] = "GET"
+        if status is HTTPStatus.PERMANENT_REDIRECT:
+            fields["Location"] = moved_to(request.path, self._names)
         for name, value in fields.items():
             if name in response.headers:
                 del response.headers[name]

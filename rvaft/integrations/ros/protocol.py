@@ -19,11 +19,11 @@ from functools import partial
 from operator import methodcaller
 from typing import Any, Final, Self
 
-from rvaft.api import repeating_engine, resolve_semantics
 from rvaft.core.classifier import TreeReads
+from rvaft.engine.monitor import repeating_engine
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Literal, ObjectPattern
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_LIMIT, Explanation

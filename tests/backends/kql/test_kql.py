@@ -37,6 +37,9 @@ TREES = {
     "window": "time t as ms; top 2of3 a b c within 1500 ms; a on login(U, _, _, _); b on su(U, _); c on su(_, 2);",
     "counted": "time t as ms; top sand a p within 4 s; a on login(_, _, _, _) times 2; "
     "p pand b c; b on su(U, 1); c on su(_, _);",
+    "each": "time t as ms late 0 s; top sand a c within 4 s; a on login(U, N, _, _) when N > 0 times 3 each N; "
+    "c on su(U, _);",
+    "different": "time t as ms late 0 s; top sand c a; a on login(V, N, _, _) times 3 distinct V, N; c on su(_, _);",
     "without": "time t as ms; top sand a b within 3 s without login(_, K, _, _) without su(V, M) when M > K and V == U "
     "for 1500 ms before; a on login(U, K, _, _); b on su(U, N);",
     "without after": "time t as ms; top sand a b; a on login(U, _, _, W) without su(U, N) when N > W for 1 s after; "
@@ -95,7 +98,7 @@ def test_a_table_of_any_shape_has_the_matches_of_the_definition(name: str, shape
     firsts = [run.index(Verdict.TRUE) + 1 if Verdict.TRUE in run else None for run in verdicts]
     assert language.read(text).first_detections(logs) == firsts, text
     found = language.matches(text, logs)
-    assert (found is None) == (name == "votes")
+    assert (found is None) == (name in ("votes", "each", "different"))
     assert found is None or [*found] == expected, text
     assert 0 < sum(first is not None for first in firsts) < 80
 

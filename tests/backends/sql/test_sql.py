@@ -36,7 +36,7 @@ from rvaft import (
     translate,
 )
 from rvaft import backend as backends
-from rvaft.backend import backend
+from rvaft.backend import SpecificationText, backend
 from rvaft.model.patterns import Literal, ObjectPattern
 from rvaft.semantics import Reference, matches
 from tests.backends.injections import INJECTIONS
@@ -64,8 +64,30 @@ COUNTED = {
     "events of another node": 'top and f g; f on e("a", U) times 3; g on e("a", U);',
     "another condition on times": 'top and f g when end(f) <= start(g) + 1 s; f on e("a", U) times 3; g on e("b", U);',
     "different values": 'top sand f g; f on e("a", U) times 3 distinct U; g on e("b", _);',
+    "different values in a window": 'top and f within 3 s; f on x("a", U, V) times 3 distinct U;',
+    "pairs of values in a window": 'top and f within 2 s; f on x("a", U, V) times 4 distinct U, V;',
+    "different values that are tied": 'top and f within 3 s; f on x("a", U, V) when V >= U times 3 distinct V;',
+    "different values of one node": 'top on x("a", U, V) when V != U times 3 distinct V;',
+    "different values after another": 'top sand b f within 5 s; f on x("a", U, V) times 3 distinct V; b on e("b", _);',
+    "different values before another": 'top sand g b; g and f within 4 s; f on x("a", U, V) times 3 distinct V; '
+    'b on e("b", U);',
+    "two counts": 'top sand f g within 9 s; f on x("a", _, V) times 3 distinct V; g on x("b", U, W) times 3 each W;',
+    "inner windows": 'top and g b within 5 s; g and f within 2 s; f on x("a", U, V) times 3 distinct V; '
+    'b on e("b", U);',
+    "different values and absences": 'top and f within 3 s; f on x("a", U, V) times 3 distinct V without e("b", U) '
+    'without e("c", _) for 1 s after;',
+    "each value": 'top and f within 3 s; f on x("a", U, V) when V > 0 times 3 each V;',
+    "each value of a node": 'top sand b f; f on x("a", U, V) when V >= U times 3 each V; b on e("b", U);',
+    "values of another node": 'top sand b f; f on x("a", U, V) when V > K times 3 each V; b on e("b", K);',
+    "each and distinct": 'top and f within 4 s; f on x("a", U, V) when V < 3 times 3 distinct U each V;',
 }
-ONE_ROW = ("in a window", "before another", "after another", "absences", "an absence after")
+JOINED = (
+    "absence of its own events",
+    "events of another node",
+    "another condition on times",
+    "an absence before",
+    "values of another node",
+)
 
 
 @pytest.mark.parametrize("late", ["late 0 s", "late 1 s", ""])
@@ -73,17 +95,19 @@ ONE_ROW = ("in a window", "before another", "after another", "absences", "an abs
 @pytest.mark.parametrize("language", READING)
 def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
     """As one row where that makes no difference, on events with equal, missing and earlier times."""
-    head = "event e(n, u) = { event: n, u: u };"
+    head = "event e(n, u) = { event: n, u: u }; event x(n, u, v) = { event: n, u: u, v: v };"
     tree = loads(f"{head} time t as s {late}; {COUNTED[name]}")
     specification = language.translate(tree, Semantics.SCATTERED)
     if late == "late 0 s":
-        assert ("lag(" in specification.text) == (name in (*ONE_ROW, "ends"))
+        assert ("count_1" in specification.text) == (name not in JOINED)
     random, traces = Random(f"{name} {late}"), list[list[Any]]()
     for _ in range(120):
-        now, trace = 0, list[Any]()
-        for _ in range(random.randrange(4, 11)):
+        now, trace, letters = 0, list[Any](), random.choice(("aaaabc", "aaabbb"))
+        for _ in range(random.randrange(4, 15)):
             now += random.choice((0, 0, 1, 1, 2, random.choice((-1, 1))))
-            event = {"event": random.choice("aaaabc"), "u": random.choice((0, 1, 1, 1.0, 2))}
+            event: dict[str, Any] = {"event": random.choice(letters), "u": random.choice((0, 1, 1, 1.0, 2))}
+            if random.random() < 0.95:
+                event["v"] = random.choice((0, 1, 1.0, 2, 3, "x", None))
             trace.append(event if random.random() < 0.06 else {**event, "t": now})
         traces.append(trace)
     verdicts = [[*Reference(tree, Semantics.SCATTERED).run(trace)] for trace in traces]
@@ -91,6 +115,107 @@ def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
     monitor = specification.monitor()
     assert monitor.first_detections(traces) == wanted, specification.text  # type: ignore[attr-defined]
     assert any(wanted)
+
+
+NEAREST = {
+    "heartbeat": 'top and h; h on e("a", U) without e("a", U) for 2 s after;',
+    "two heartbeats": 'top and h g; h on e("a", U) without e("a", U) for 1 s after; '
+    'g on e("b", V) without e("b", V) for 2 s after without e("c", _) for 1 s after;',
+    "a part": 'top sand g c; g sand a b within 3 s without e("d", U) for 1 s after; a on e("a", U); b on e("b", U); '
+    'c on e("c", _);',
+    "own values": 'top on e("a", _) without e("b", V) when V > 0 for 1 s after;',
+    "first seen": 'top on e("a", U) without e("a", U) for 2 s before;',
+    "ever": 'top sand a b; a on e("a", U); b on e("b", U) without e("c", U) before without e("d", _) for 1 s before;',
+    "between": 'top sand a b without e("c", U); a on e("a", U); b on e("b", U);',
+    "between, and any": 'top sand a b c without e("d", V) when V != 1; a on e("a", U); b on e("b", U); c on e("c", _);',
+    "count": 'top and f; f on e("a", U) times 3 without e("b", U) for 1 s after;',
+    "branches": 'top or a b; a on e("a", U) without e("b", U) for 1 s after; b on e("c", U) without e("b", U) before;',
+}
+
+
+@pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
+@pytest.mark.parametrize("late", ["late 0 s", "late 1 s", ""])
+@pytest.mark.parametrize("name", NEAREST)
+def test_the_nearest_absent_event(name: str, late: str) -> None:
+    """By joins with the nearest row, in logs whose times go back, stand still and are absent."""
+    compare_nearest(name, late, 150)
+
+
+def compare_nearest(name: str, late: str, count: int) -> None:
+    tree = loads(f"event e(n, u) = {{ event: n, u: u }}; time t as s {late}; toplevel top; {NEAREST[name]}")
+    specification = SqlDuckdbBackend().translate(tree, Semantics.SCATTERED)
+    assert "ASOF LEFT JOIN" in specification.text
+    assert "NOT EXISTS" not in specification.text
+    random, traces = Random(f"{name} {late}"), list[list[Any]]()
+    for _ in range(count):
+        now, trace, letters = 0, list[Any](), random.choice(("aabbcd", "aab", "abc", "aaac"))
+        for _ in range(random.randrange(2, 12)):
+            now += random.choice((0, 0, 1, 1, 2, random.choice((-1, 1)), random.choice((-3, 4, 1))))
+            event = {"event": random.choice(letters), "u": random.choice((0, 1, 1, 1.0, 2))}
+            trace.append(event if random.random() < 0.06 else {**event, "t": now})
+        traces.append(trace)
+    verdicts = [[*Reference(tree, Semantics.SCATTERED).run(trace)] for trace in traces]
+    wanted = [run.index(Verdict.TRUE) + 1 if Verdict.TRUE in run else None for run in verdicts]
+    monitor = specification.monitor()
+    assert monitor.first_detections(traces) == wanted, specification.text  # type: ignore[attr-defined]
+    assert 3 < sum(one is not None for one in wanted) < count
+    found = SqlDuckdbBackend().matches(specification.text, traces)
+    assert (found is None) == (name == "count" and late == "late 0 s")
+    assert found is None or [*found] == [matches(tree, Semantics.SCATTERED, trace) for trace in traces]
+
+
+@pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
+@pytest.mark.parametrize("name", ["heartbeat", "own values", "first seen", "between, and any"])
+def test_long_logs_have_the_same_matches_in_both_dialects(name: str) -> None:
+    """Where the clocks of some values are ahead of others, and all times jump."""
+    tree = loads(f"event e(n, u) = {{ event: n, u: u }}; time t as s; toplevel top; {NEAREST[name]}")
+    random, now, trace = Random(name), 0, list[Any]()
+    for place in range(300):
+        now += random.choice((0, 0, 1, 2))
+        user = random.randrange(4)
+        ahead = 4 * (user == 3) + 100 * (place == 40) + random.choice((0, 0, -2))
+        trace.append({"event": random.choice("aaabbcd"), "u": user, "t": now + ahead})
+    found, wanted = (
+        language.matches(language.translate(tree, Semantics.SCATTERED).text, [trace])
+        for language in (SqlDuckdbBackend(), SqlBackend())
+    )
+    assert found is not None
+    assert found == wanted != [frozenset()]
+
+
+SHIFTED = {
+    "the deadline": ("heartbeat", "", r"2000000000 < d\.time", "2000000000 <= d.time"),
+    "the first deadline": ("heartbeat", "", r" UNION ALL SELECT m\.\* EXCLUDE.*", ""),
+    "a later node": ("heartbeat", "", r"THEN 2 \* s\.node ELSE", "THEN 2 * s.node + 1 ELSE"),
+    "the next node": ("heartbeat", "", r"ELSE s\.node \+ 1 END", "ELSE s.node + 2 END"),
+    "the bound of a node": ("heartbeat", "", r"t\.top > s\.bound", "t.top >= s.bound"),
+    "the highest time": ("heartbeat", "", "IS NULL OR time > found", "IS NULL OR time < found"),
+    "the event that decides": ("heartbeat", "", r"q\.pos >= m\.decided", "q.pos > m.decided"),
+    "a later breach": ("own values", "late 1 s", r"q\.found > m\.last_time_1", "q.time > m.last_time_1"),
+    "an earlier breach": ("first seen", "", r"q\.found < m\.first_time_1", "q.time < m.first_time_1"),
+    "the last moment": ("own values", "late 0 s", r"q\.found > m", "q.found >= m"),
+    "the first moment": ("first seen", "", r"q\.found < m", "q.found <= m"),
+    "values": ("between", "", r" AND m\.key_1_0 = q\.v1_key", ""),
+    "the end": ("between", "", r"q\.pos >= m\.last_pos_1", "q.pos < m.last_pos_1"),
+}
+
+
+@pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
+@pytest.mark.parametrize("fault", SHIFTED)
+def test_a_wrong_absence_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    name, late, right, wrong = SHIFTED[fault]
+    write = SqlDuckdbBackend.write
+
+    def faulty(self: SqlDuckdbBackend, *given: Any) -> SpecificationText:
+        text = write(self, *given)
+        changed = re.sub(right, wrong, text.text)
+        if changed == text.text:
+            raise LookupError(text.text)
+        return SpecificationText(changed, text.metrics)
+
+    monkeypatch.setattr(SqlDuckdbBackend, "write", faulty)
+    with pytest.raises(AssertionError):
+        compare_nearest(name, late, 600)
 
 
 def tree_with(text: str) -> tuple[RVAFT, list[Any]]:

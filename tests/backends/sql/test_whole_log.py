@@ -142,6 +142,48 @@ def test_json_lines(first: int, tmp_path: Path) -> None:
     assert seen["declined"] > 3
 
 
+BY_VALUE = (
+    "time t as s; top sand a b within 2 s; a on x(U); b on y(U, N) when N > 1;",
+    "time t as s; top or p q; p sand a b; q and b c; a on x(U); b on y(U, _); c attack on z(U);",
+    "time t as s; top and f within 2 s; f on y(U, N) times 3 distinct N;",
+    "time t as s; top sand a f; a on x(U); f on y(U, _) times 3;",
+    "top sand a b without z(U); a on x(U); b on y(U, N) without y(U, M) when M > N before;",
+    "time t as s; top on x(U) without x(U) for 0.5 s after;",
+    "time t as s late 2 s; top 2of3 a b c within 3 s; a on x(U); b on y(U, 2); c on z(U);",
+    "top on y(U, 2);",
+)
+
+
+@pytest.mark.parametrize("first", [0, *(pytest.param(first, marks=pytest.mark.ci) for first in range(40, 400, 40))])
+def test_repetition_by_a_variable(first: int, tmp_path: Path) -> None:
+    """By an option or by the tree, also within keys, in files with few and with many values."""
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    seen = Counter[str]()
+    for seed in range(first, first + 32):
+        draw = random.Random(f"by {seed}")
+        text, said = BY_VALUE[seed % len(BY_VALUE)], draw.random() < 0.5
+        tree.write_text(f"{TYPED} {SCATTERED} {'repeat by U; ' if said else ''}{text}")
+        lines = [json.dumps({**one, "u": draw.choice("abcd")}) for one in events(draw, 0)]
+        log.write_text("".join(f"{line}\n" for line in lines))
+        by = ("--repeat",) if said else ("--repeat-by", "U")
+        keys = draw.choice([(), (), ("--key", "n")]) if " after" not in text else ()
+        form = draw.choice([(), ("--format", "jsonl"), ("--format", "jsonl", "--detections"), ("--explain",)])
+        answered, found = differences(tree, log, [*by, *keys, *form])
+        seen.update({"answered": answered, "found": found})
+    assert seen["answered"] > 24
+    assert seen["found"] > 6
+
+
+def test_only_the_detected_value_starts_afresh(tmp_path: Path) -> None:
+    tree, log = tmp_path / "tree.rvaft", tmp_path / "log.jsonl"
+    tree.write_text(JOIN)
+    log.write_text("".join(f'{{"event": "{kind}", "u": "{u}", "n": 1}}\n' for kind, u in ("xa", "xb", "ya", "yb")))
+    for options, detections in ((["--repeat"], ["3"]), (["--repeat-by", "U"], ["3", "4"])):
+        assert differences(tree, log, options) == (True, True)
+        found = run("monitor", tree, log, *options, "--engine", "duckdb").stdout
+        assert re.findall(r"^event (\d+): true", found, re.MULTILINE) == detections
+
+
 @pytest.mark.parametrize(
     ("unit", "scale", "nested"), [("s", 9, False), ("s", 9, True), ("ms", 6, False), ("ns", 0, True)]
 )
@@ -358,6 +400,7 @@ def test_a_field_that_is_read_as_a_whole_and_inside(tmp_path: Path) -> None:
 
 
 REFUSED: Sequence[tuple[str, list[str], str]] = (
+    (JOIN, ["--repeat-by", "N"], "matches cannot be repeated by N"),
     (JOIN, ["--follow"], "--engine does not take --follow: a query reads a whole file"),
     (JOIN, ["--checkpoint", "state"], "--engine does not take --checkpoint"),
     (JOIN, ["--order-by", "t"], "--engine does not take --order-by"),

@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from rvaft import Kind, load, monitor, translate
-from rvaft.api import resolve_semantics
 from rvaft.cli import main
+from rvaft.model.tree import resolve_semantics
 from tests.cli.runs import TREES, failed, run, written
 from tests.tables import rows
 

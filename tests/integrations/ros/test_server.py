@@ -293,6 +293,9 @@ async def test_each_of_several_trees_is_told_and_has_a_page(tmp_path: Path) -> N
                 data = json.loads((await told(url, f"/{page}/events?after=x")).partition("data: ")[2])
                 assert [row[3][0][0] for row in data["watches"]] == [symbol]
             assert (await told(url, "/events")).startswith("HTTP/1.1 404 ")
+            moved = await told(url, "/ab")
+            assert moved.startswith("HTTP/1.1 308 ")
+            assert "Location: /ab/" in moved
         running.send_signal(signal.SIGTERM)
         assert running.wait(20) == 0
         assert running.stderr is not None

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rvaft import RvaftError
-from rvaft.core.patterns import LeastEvent, Overlaps, Unknown, compatible, implies, least, overlaps
+from rvaft.core.overlaps import LeastEvent, Overlaps, Unknown, compatible, implies, least, overlaps
 from rvaft.model.patterns import (
     Anything,
     ListPattern,

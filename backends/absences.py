@@ -1,6 +1,6 @@
 """Absent events (`without`) in one order of a match: which events are absent in which gap."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import NamedTuple, Self, assert_never
 
 from rvaft.backend import Observed
@@ -103,18 +103,53 @@ class OpenClauses(NamedTuple):
         return cls(tuple(masks.items()))
 
     def after(self, done: int) -> list[Without]:
-        """Return the clauses `during` that an event can break when these events of a match are there."""
-        return [clause for clause, mask in self.parts if mask & done and mask & ~done]
+        """Return the clauses without a duration that an event can break when these events of a match are there."""
+        return [clause for clause, mask in self.parts if _is_open(clause, mask, done)]
 
 
-def refuse_timeless(prop: Property) -> None:
-    """Raise `NotExpressible` for clauses that texts over slices do not say."""
+def _is_open(clause: Without, mask: int, done: int) -> bool:
+    """Return whether an event can break a clause of these events."""
+    match clause.side:
+        case Side.DURING:
+            return bool(mask & done and mask & ~done)
+        case Side.BEFORE:
+            return not mask & done
+        case Side.AFTER:
+            return False
+        case _:
+            assert_never(clause.side)
+
+
+def refuse_timeless(prop: Property, semantics: Semantics, lasting: Container[Semantics]) -> None:
+    """Raise `NotExpressible` for clauses that texts over slices do not say.
+
+    Events that are absent `before` are written under the `lasting` semantics, which are never false, where no event
+    ends all scenarios.
+    """
     refuse(prop, {"duration": unwritten("absent events are written without durations")})
     for clause in prop.absences:
         nodes = [clause.source.node]
-        if clause.side is Side.BEFORE:
-            why = "after an event that is absent `before`, the text would be false at once, and the tree is not"
+        if clause.side is Side.BEFORE and semantics not in lasting:
+            raise NotExpressible(unwritten(f"events absent `before` are not written under {semantics}"), nodes=nodes)
+        if clause.side is Side.BEFORE and clause.shared:
+            why = "an event absent `before` comes before its variables of the tree are bound"
             raise NotExpressible(unwritten(why), nodes=nodes)
         if clause.shared and clause.own.intersection(variables(clause.guard)):
             why = "guards of absent events are written over variables of the tree alone, or of their own alone"
             raise NotExpressible(unwritten(why), nodes=nodes)
+
+
+def require_unbroken(scenarios: Iterable[Scenario]) -> None:
+    """Raise `NotExpressible` if each scenario has an event that is absent `before`.
+
+    After such events the text would be false, as nothing is accepted any more, and the tree is not.
+    """
+    found = dict[str, None]()
+    for scenario in scenarios:
+        broken = [one.source.node for one, _ in scenario.absences if one.side is Side.BEFORE]
+        if not broken:
+            return
+        found.update(dict.fromkeys(broken))
+    if found:
+        why = "after events that are absent `before`, the text would be false at once, and the tree is not"
+        raise NotExpressible(unwritten(why), nodes=found)

@@ -111,7 +111,7 @@ class AutomatonBackend(Backend):
 def _sayable(prop: Property, semantics: Semantics) -> Property:
     """Return the property without clauses that every match holds; raises `NotExpressible` for others."""
     prop = without_vacuous(prop, semantics)
-    refuse_timeless(prop)
+    refuse_timeless(prop, semantics, {Semantics.SCATTERED})
     for clause in prop.absences:
         nodes = [clause.source.node]
         if clause.guard is not None:

@@ -7,12 +7,13 @@ event can break a partial match of one scenario and not that of another one.
 from collections.abc import Callable, Mapping
 from functools import cache
 
-from backends.absences import OpenClauses, breaking_event
+from backends.absences import OpenClauses, breaking_event, require_unbroken
 from rvaft.core.overlaps import overlaps
 from rvaft.core.property import Event, Property, Without
 from rvaft.core.residual import Move, Residual
 from rvaft.core.scenarios import Ready, Scenario, scenarios
 from rvaft.model.guards import Guard, variables
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.support.bits import mask_of
 from rvaft.support.budget import Work
@@ -27,6 +28,7 @@ class PartialMatches:
     def __init__(self, prop: Property, atoms: Mapping[Pattern, int], guards: Mapping[Guard, int], work: Work) -> None:
         self._atoms, self._guards, self._work = atoms, guards, work
         self._of = [*scenarios(prop)]
+        require_unbroken(self._of)
         self._clauses = [*map(OpenClauses.of, self._of)]
         self._ready = [Ready(scenario.before) for scenario in self._of]
         absent = [breaking_event(clause).pattern for clause in prop.absences]
@@ -74,7 +76,8 @@ class PartialMatches:
         if not self._apart or one.start != other.start or one.open & ~other.open:
             return False
         clauses = self._clauses[one.start].parts
-        return all(not mask & one.open or mask & ~one.open == 0 or mask & ~other.open for _, mask in clauses)
+        during = (mask for clause, mask in clauses if clause.side is Side.DURING)
+        return all(not mask & one.open or mask & ~one.open == 0 or mask & ~other.open for mask in during)
 
 
 def _all(scenario: Scenario) -> int:

@@ -8,6 +8,7 @@ Only reading needs a C compiler.
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, Self
 
@@ -16,11 +17,13 @@ from backends.c.events import OPERATORS
 from backends.c.library import CAPACITY, CMonitor, require_compiler
 from backends.c.log import NativeLog
 from backends.c.questions import observed
-from backends.c.translation import EventTests, KeyField, translation
+from backends.c.text import EventTests, KeyField, Use
+from backends.c.translation import translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.property import Condition, EndInOrder, Part, Property, Times, Within, Without
-from rvaft.errors import Reason, unwritten
+from rvaft.engine.selection import require_shared
+from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics
@@ -54,26 +57,44 @@ class CBackend(Backend):
     }
     default_limit: ClassVar[int] = 5_000
 
-    _key: Sequence[KeyField] = ()
-    _counted: EventTests | None = None
+    _use: Use = Use()
 
     def keyed(self, key: Sequence[KeyField]) -> Self:
         """Return a backend whose texts monitor each value of a key as a log of its own."""
-        twin = copy(self)
-        vars(twin)["_key"] = tuple(key)
-        return twin
+        return self._used(replace(self._use, key=tuple(key)))
+
+    def repeating(self, by: str) -> Self:
+        """Return a backend whose texts repeat each value of a variable for itself (definition, 4.9).
+
+        A tree with `repeat by` does so of itself. Writing raises `OptionError` where not every event binds it.
+        """
+        return self._used(replace(self._use, by=by))
 
     def counted(self, letters: Sequence[tuple[Pattern, Guard | None]], apart: Sequence[str], clock: str) -> Self:
         """Return a backend whose texts also count the events of a log, as `EventTests` says."""
+        return self._used(replace(self._use, counted=EventTests(tuple(letters), tuple(apart), clock)))
+
+    def _used(self, use: Use) -> Self:
         twin = copy(self)
-        vars(twin)["_counted"] = EventTests(tuple(letters), tuple(apart), clock)
+        vars(twin)["_use"] = use
         return twin
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the file; raises `NotExpressible` and `TooLarge`."""
-        written = translation(prop, semantics, limit, self._key, self._counted)
+        written = translation(prop, semantics, limit, self._use_of(prop, semantics))
         sizes = Metrics(written.stages + written.moves, states=written.stages, edges=written.moves)
         return SpecificationText(written.text, sizes)
+
+    def _use_of(self, prop: Property, semantics: Semantics) -> Use:
+        """Return the use with the repetition that the tree states; a text that cannot repeat so does not repeat."""
+        stated = prop.tree.repeat_by
+        if self._use.by is not None or stated is None:
+            return self._use
+        try:
+            require_shared(prop, stated, semantics)
+        except OptionError:
+            return replace(self._use, repeats=False)
+        return replace(self._use, by=stated)
 
     def observed(
         self,

@@ -603,6 +603,10 @@ int main(int argc, char **argv) {
         } else if (strcmp(argv[i], "--") == 0) {
             only = 1;
         } else if (strcmp(argv[i], "--repeat") == 0) {
+#if !RVAFT_REPEATS
+            fputs("error: no --repeat: the tree is repeated by a variable, as this monitor cannot be\n", stderr);
+            return 2;
+#endif
             o.repeat = 1;
         } else if (strcmp(argv[i], "--detections") == 0) {
             o.detections = 1;

@@ -1204,14 +1204,15 @@ static int is_late(rvaft_monitor *m, const rvaft_event *e) {
 }
 
 /* @begin */
-/* Start a monitor again after a detection (with keys, that of the last event); times are not forgotten. */
+/* Start a monitor again after a detection (with keys, that of the last event); times are not forgotten. With
+   RVAFT_BY, the matches that have the detected value of a variable have been removed, and others go on. */
 RVAFT_API void rvaft_again(rvaft_monitor *m) {
     m->verdict = RVAFT_UNKNOWN;
 #if RVAFT_KEYED
     if (m->key < RVAFT_KEYS) {
         m->keys.item[m->key].verdict = RVAFT_UNKNOWN;
     }
-#else
+#elif !RVAFT_BY
     begin(m);
 #endif
 }
@@ -1537,7 +1538,9 @@ static void leave_key(rvaft_monitor *m) {
     key_state *k = &ROW(m->keys.item, m->key);
     k->latest = m->latest;
     k->has_latest = m->has_latest;
+#if !RVAFT_BY
     k->era += m->verdict != k->verdict;
+#endif
     k->verdict = m->verdict;
     k->found |= m->verdict != RVAFT_UNKNOWN;
 }

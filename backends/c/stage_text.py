@@ -6,7 +6,7 @@ from typing import ClassVar, Final
 
 from backends.c.events import expression
 from backends.c.stages import Break, Load, Recall, Remembered, Slot, StageTable, TableStage, Test, Transition, slot_of
-from backends.c.text import CELL, LONG, WORD, ConstantTable, EventTests, KeyField, Writer, array, laid_out, times
+from backends.c.text import CELL, LONG, WORD, ConstantTable, Use, Writer, array, laid_out, times
 from rvaft.core.property import Property
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern
@@ -26,10 +26,9 @@ class StageWriter(Writer):
         prop: Property,
         semantics: Semantics,
         found: StageTable,
-        key: Sequence[KeyField],
-        counted: EventTests | None,
+        use: Use,
     ) -> None:
-        super().__init__(prop, semantics, key, counted)
+        super().__init__(prop, semantics, use)
         self._found = found
         self._scattered = semantics is Semantics.SCATTERED
         self._loads, self._joins, self._slots, self._order, self._expiries = (ConstantTable() for _ in range(5))
@@ -139,12 +138,20 @@ class StageWriter(Writer):
             array("uint8_t", "slot_order", self._order.rows or ["0"]),
             array("uint32_t", "starts", [str(one) for one in self._found.starts]),
             self._key_fields(),
+            *([] if self._use.by is None else self._places_of(self._use.by)),
         ]
         if self._scattered:
             made += self._moves_by_pattern(owners)
         signature = "rvaft_monitor *m, uint32_t number, const cell *old, const rvaft_event *e"
         unused = ("    int *error = &m->error;\n", "    (void)error;\n    (void)old;\n    (void)e;\n")
         return "".join([*made, self._matching(signature, unused)])
+
+    def _places_of(self, by: str) -> Iterator[str]:
+        """Yield the tables of the slot of a variable in each stage, and of its field in each pattern."""
+        slot = Slot((by,))
+        slots = (str(one.slots.index(slot)) if slot in one.slots else "NONE" for one in self._found.stages)
+        yield array("uint32_t", "by_slots", [*slots])
+        yield array("uint16_t", "by_fields", [str(bound.get(by, 0)) for bound in self._bound] or ["0"])
 
     def _moves_by_pattern(self, owners: Sequence[int]) -> Iterator[str]:
         stages = self._found.stages
@@ -173,6 +180,16 @@ class StageWriter(Writer):
     @property
     def _counts(self) -> tuple[int, int]:
         return len(self._found.stages), sum(len(stage.moves) for stage in self._found.stages)
+
+    @property
+    def _ends(self) -> bool:
+        """Whether an event may end a partial match."""
+        return self._absences or self._use.by is not None
+
+    @property
+    def _links_in_all(self) -> int:
+        """The most lists by which a partial match is found, with that of the variable of repetition."""
+        return self._most_links + int(self._use.by is not None)
 
     @property
     def _width(self) -> int:
@@ -208,14 +225,14 @@ class StageWriter(Writer):
         return kept + int(self._past_width > 0)
 
     def _members(self) -> Iterable[tuple[int, int]]:
-        links = self._most_links
+        links = self._links_in_all
         own = 2 if self._key else 0
-        ended = int(self._absences)
+        ended = int(self._ends)
         partial = laid_out(times(WORD, links + 1 + own + ended), times(CELL, max(1, self._width)))
         buckets = times(WORD, 2 * links * self._buckets)
         store = laid_out(times(WORD, 3), buckets, times(partial, self._capacity + 1))
         made = [WORD, WORD, times(store, 1 if self._scattered else 2)]
-        made += [WORD, WORD] if self._absences else []
+        made += [WORD, WORD] if self._ends else []
         made += [LONG] if self._waits else []
         if self._remembered:
             owner = [WORD, LONG] if self._key else []
@@ -233,7 +250,7 @@ class StageWriter(Writer):
             "STORES": 1 if self._scattered else 2,
             "WIDTH": max(1, self._width),
             "DEPTH": max(stage.rank for stage in stages),
-            "LINKS": self._most_links,
+            "LINKS": self._links_in_all,
             "STARTS": len(self._found.starts),
             "STAGES": len(stages),
             "MOVES": max(1, sum(len(stage.moves) + len(stage.breaks) for stage in stages)),

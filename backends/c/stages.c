@@ -1,5 +1,6 @@
 /* @types */
 #define MAX_LINKS RVAFT_LINKS
+#define RVAFT_ENDS (RVAFT_ABSENCES || RVAFT_BY) /* whether a partial match may end by an event */
 
 typedef struct partial {
     uint32_t next[MAX_LINKS];
@@ -8,8 +9,8 @@ typedef struct partial {
     uint32_t key; /* NONE before the first event */
     uint32_t era; /* of the key */
 #endif
-#if RVAFT_ABSENCES
-    uint32_t ended; /* the tick of the event that broke it, or 0 */
+#if RVAFT_ENDS
+    uint32_t ended; /* the tick of the event that broke it, or after which others began afresh, or 0 */
 #endif
     cell slot[RVAFT_WIDTH];
 #if RVAFT_PLACES
@@ -51,9 +52,9 @@ typedef struct past {
     uint32_t sweep_at;
     uint32_t now; /* the store with the partial matches */
     store stores[RVAFT_STORES];
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
     uint32_t tick;  /* of the event, from 1 */
-    uint32_t ended; /* whether a partial match that was broken is in the store */
+    uint32_t ended; /* whether a partial match that has ended is in the store */
 #endif
 #if RVAFT_WAITS
     int64_t earliest; /* no deadline is earlier */
@@ -212,7 +213,7 @@ static void clear_store(store *s) {
     }
 }
 
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
 #define IS_BROKEN(p) ((p)->ended != 0)
 /* An event still extends the partial matches that it breaks. */
 #define WAS_BROKEN(m, p) ((p)->ended != 0 && (p)->ended != (m)->tick)
@@ -255,12 +256,26 @@ static uint32_t first_place(const store *s, const partial *p) {
     return bucket_of(s, h, KEY_OF(p));
 }
 
+#if RVAFT_BY
+#define BY_LINK (MAX_LINKS - 1U)
+
+/* The place of the partial matches of all stages that have a value of the variable of repetition. */
+static uint32_t by_place(const store *s, const cell *value, uint32_t key) {
+    return bucket_of(s, hash_with(hash_of(NONE, BY_LINK), value), key);
+}
+#endif
+
 /* Put a partial match, whose place in the first table is known, into all tables. */
 static void link_partial(store *s, uint32_t number, uint32_t home) {
     const partial *p = &s->item[number];
     const stage *st = stage_of(p);
     uint32_t link, at = st->link + 1 + st->exact;
     link_at(s, number, 0, home);
+#if RVAFT_BY
+    if (ROW(by_slots, p->stage) != NONE) {
+        link_at(s, number, BY_LINK, by_place(s, slot_of(p, ROW(by_slots, p->stage)), KEY_OF(p)));
+    }
+#endif
     for (link = 1; link < st->links && link < MAX_LINKS; link++) {
         uint32_t stop = at + 1 + ROW(link_slots, at);
         uint64_t h = hash_of(p->stage, link);
@@ -372,7 +387,7 @@ static void insert_starts(rvaft_monitor *m, store *s) {
         p->key = NONE;
         p->era = 0;
 #endif
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
         p->ended = 0;
 #endif
 #if RVAFT_PLACES
@@ -562,7 +577,7 @@ static int try_move(rvaft_monitor *m, store *to, const partial *p, const move *m
         return m->error == 0;
     }
     made->stage = mv->target;
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
     made->ended = 0;
 #endif
 #if RVAFT_KEYED
@@ -690,7 +705,7 @@ static void sweep(rvaft_monitor *m, store *s) {
     s->count = kept;
     m->sweep_at = kept < FEW ? 2 * FEW : kept < RVAFT_CAPACITY / 2 ? 2 * kept : kept + (RVAFT_CAPACITY - kept) / 2;
     m->sweep_at = m->sweep_at < RVAFT_CAPACITY ? m->sweep_at : RVAFT_CAPACITY - RVAFT_CAPACITY / 8;
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
     m->ended = 0;
 #endif
 }
@@ -713,11 +728,49 @@ static uint64_t hash_of_move(rvaft_monitor *m, const move *mv, const rvaft_event
     return h;
 }
 
-/* Try all moves of a pattern, or of several in the order of ranks, so that no event is used twice. */
-/*@ assigns *m; */
-static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count) {
+#if RVAFT_BY
+/* End the partial matches that have a value of the variable of repetition. */
+static void restart(rvaft_monitor *m, store *s, const cell *value) {
+    uint32_t at = first_in(s, BY_LINK, by_place(s, value, CURRENT_KEY(m)));
+    for (; at < RVAFT_CAPACITY; at = ROW(s->item[at].next, BY_LINK)) {
+        partial *p = &s->item[at];
+        const uint32_t slot = ROW(by_slots, p->stage);
+        if (slot != NONE && KEY_OF(p) == CURRENT_KEY(m) && !IS_BROKEN(p) && same_cell(slot_of(p, slot), value)) {
+            p->ended = m->tick;
+            m->ended = 1;
+        }
+    }
+}
+
+/* The value that an event has in a pattern for the variable of repetition. */
+static const cell *by_value(rvaft_monitor *m, const rvaft_event *e, uint32_t pattern) {
+    return cell_of(m, e, ROW(by_fields, pattern), 0);
+}
+
+/* End the partial matches with a value of an event that has detected. */
+static void restart_detected(rvaft_monitor *m, store *s, const rvaft_event *e, const uint8_t *detected) {
+    uint32_t i;
+    for (i = 0; i < RVAFT_PATTERNS; i++) {
+        if (detected[i] && by_value(m, e, i)->tag != RVAFT_UNDEFINED) {
+            restart(m, s, by_value(m, e, i));
+        }
+    }
+}
+
+#define DETECTED(pattern) (detected[pattern] = 1, some = 1)
+#else
+#define DETECTED(pattern) return 1
+#endif
+
+/* Try all moves of a pattern, or of several in the order of ranks, so that no event is used twice. Returns whether
+   one detects; with RVAFT_BY it notes the patterns of those that do, and tries all. */
+/*@ assigns *m, detected[0 .. RVAFT_PATTERNS - 1]; */
+static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *matched, uint32_t count,
+                     uint8_t *detected) {
     store *s = &m->stores[0];
     uint32_t cursor[RVAFT_PATTERNS] = {0}, i;
+    int some = 0;
+    (void)detected;
     for (i = 0; i < count && i < RVAFT_PATTERNS; i++) {
         cursor[i] = ROW(pattern_moves, matched[i]);
     }
@@ -737,7 +790,7 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
         }
         at = cursor[best];
         if (at >= ROW(pattern_moves, matched[best] + 1) || at >= RVAFT_MOVES) {
-            return 0; /* no pattern has another move */
+            return some; /* no pattern has another move */
         }
         cursor[best] = at + 1;
         mv = &ROW(moves, sorted_moves[at]);
@@ -749,7 +802,7 @@ static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint32_t *mat
                 at = ROW(p->next, mv->link);
                 if (p->stage == mv->stage && KEY_OF(p) == key && !is_void(m, p) && !WAS_BROKEN(m, p) &&
                     try_move(m, s, p, mv, e)) {
-                    return 1;
+                    DETECTED(mv->pattern);
                 }
             }
             if (m->error != 0) {
@@ -805,7 +858,7 @@ static int replaced(rvaft_monitor *m, const rvaft_event *e, const uint8_t *match
 
 #endif
 
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
 /* Keep only the partial matches that are not broken, and none twice. */
 static void rebuild(rvaft_monitor *m, store *s) {
     uint32_t i, count = s->count;
@@ -819,7 +872,9 @@ static void rebuild(rvaft_monitor *m, store *s) {
     }
     m->ended = 0;
 }
+#endif
 
+#if RVAFT_ABSENCES
 /* Note which partial matches an event breaks. */
 static void break_open(rvaft_monitor *m, store *s, const rvaft_event *e, const uint8_t *matches) {
     uint32_t at;
@@ -857,10 +912,33 @@ static void break_open(rvaft_monitor *m, store *s, const rvaft_event *e, const u
 }
 
 #if RVAFT_WAITS
-/* Decide the clauses whose deadline is before a time; returns 1 if a match is then complete. */
-static int decide(rvaft_monitor *m, store *s, int64_t time) {
+#if RVAFT_BY
+/* End the partial matches with the value of one that is complete, and note where an event has it, too. */
+static void complete(rvaft_monitor *m, store *s, partial *p, const rvaft_event *e, const uint8_t *matches,
+                     uint8_t *detected) {
+    const cell value = *slot_of(p, ROW(by_slots, p->stage));
+    uint32_t i;
+    p->ended = m->tick;
+    m->ended = 1;
+    if (value.tag == RVAFT_UNDEFINED) {
+        return;
+    }
+    restart(m, s, &value);
+    for (i = 0; e != NULL && i < RVAFT_PATTERNS; i++) {
+        detected[i] |= matches[i] && same_cell(by_value(m, e, i), &value);
+    }
+}
+#endif
+
+/* Decide the clauses whose deadline is before the time of an event, or without one (NULL) before a time; returns 1
+   if a match is then complete. */
+static int decide(rvaft_monitor *m, store *s, int64_t time, const rvaft_event *e, const uint8_t *matches,
+                  uint8_t *detected) {
     uint32_t i, k, w;
-    int moved = 0;
+    int moved = 0, some = 0;
+    (void)e;
+    (void)matches;
+    (void)detected;
     if (time <= m->earliest) {
         return 0;
     }
@@ -879,7 +957,13 @@ static int decide(rvaft_monitor *m, store *s, int64_t time) {
 #if RVAFT_PLACES
                 m->match.taken = copy_places(&m->match, p);
 #endif
+#if RVAFT_BY
+                some = 1;
+                complete(m, s, p, e, matches, detected);
+                break;
+#else
                 return 1;
+#endif
             }
             old = *p;
             p->stage = one->target;
@@ -896,7 +980,7 @@ static int decide(rvaft_monitor *m, store *s, int64_t time) {
     if (moved) {
         rebuild(m, s);
     }
-    return 0;
+    return some;
 }
 #endif
 
@@ -906,7 +990,7 @@ static int decide(rvaft_monitor *m, store *s, int64_t time) {
 #if RVAFT_SCATTERED
 /* Whether there are so many partial matches that those of no use should be removed. */
 static int is_crowded(const rvaft_monitor *m, const store *s) {
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
     if (m->ended && s->count > RVAFT_CAPACITY - RVAFT_CAPACITY / 4) {
         return 1;
     }
@@ -920,14 +1004,16 @@ static int is_crowded(const rvaft_monitor *m, const store *s) {
     assigns *m; */
 static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
     uint8_t matches[RVAFT_PATTERNS];
+    uint8_t detected[RVAFT_PATTERNS] = {0};
     int verdict = RVAFT_UNKNOWN;
     uint32_t i;
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
     store *s = &ROW(m->stores, m->now);
 #endif
 #if RVAFT_SCATTERED
     uint32_t matched[RVAFT_PATTERNS] = {0}, count = 0;
 #endif
+    (void)detected;
 #if RVAFT_PROJECTS && !RVAFT_ABSENCES
     if (late || !relevant(&m->error, e)) {
         return RVAFT_UNKNOWN;
@@ -956,25 +1042,33 @@ static int follow(rvaft_monitor *m, const rvaft_event *e, int late) {
         sweep(m, &m->stores[0]);
     }
 #endif
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
     m->tick++;
     if (m->tick == 0) {
         rebuild(m, s);
         m->tick = 1;
     }
+#endif
 #if RVAFT_WAITS
-    if (e->has_time && decide(m, s, e->time)) {
+    if (e->has_time && decide(m, s, e->time, e, matches, detected)) {
         verdict = RVAFT_TRUE;
     }
 #endif
-    if (verdict == RVAFT_UNKNOWN && !late) {
+#if RVAFT_ABSENCES
+    if ((RVAFT_BY || verdict == RVAFT_UNKNOWN) && !late) {
         break_open(m, s, e, matches);
     }
 #endif
 #if RVAFT_SCATTERED
-    if (verdict == RVAFT_UNKNOWN && m->error == 0 && count != 0 && scattered(m, e, matched, count)) {
+    if ((RVAFT_BY || verdict == RVAFT_UNKNOWN) && m->error == 0 && count != 0 &&
+        scattered(m, e, matched, count, detected)) {
         verdict = RVAFT_TRUE;
     }
+#if RVAFT_BY
+    if (verdict == RVAFT_TRUE && m->error == 0) {
+        restart_detected(m, s, e, detected);
+    }
+#endif
 #else
 #if RVAFT_PROJECTS && RVAFT_ABSENCES
     if (late || !relevant(&m->error, e)) {
@@ -1022,14 +1116,16 @@ static int is_whole(rvaft_monitor *m) {
 }
 
 /* Whether a match is complete after a time. */
-static int is_decided(rvaft_monitor *m, int64_t time) { return decide(m, &ROW(m->stores, m->now), time); }
+static int is_decided(rvaft_monitor *m, int64_t time) {
+    return decide(m, &ROW(m->stores, m->now), time, NULL, NULL, NULL);
+}
 #endif
 
 /* @begin */
 static void begin(rvaft_monitor *m) {
     m->sweep_at = RVAFT_CAPACITY < 2 * FEW ? RVAFT_CAPACITY - RVAFT_CAPACITY / 8 : 2 * FEW;
     m->now = 0;
-#if RVAFT_ABSENCES
+#if RVAFT_ENDS
     m->ended = 0;
 #endif
 #if RVAFT_WAITS

@@ -152,8 +152,10 @@ class StageTable:
     starts: tuple[int, ...]
 
 
-def stages_of(prop: Property, semantics: Semantics, limit: int) -> StageTable:
+def stages_of(prop: Property, semantics: Semantics, limit: int, by: str | None = None) -> StageTable:
     """Return the stages of a reduced property; raises `TooLarge` beyond `limit` sets of events.
+
+    All partial matches keep the variable `by`, which every event binds.
 
     >>> import rvaft
     >>> from rvaft.core.build import build
@@ -169,7 +171,7 @@ def stages_of(prop: Property, semantics: Semantics, limit: int) -> StageTable:
     # one more event may mend what an absent event breaks
     minimal = semantics is Semantics.SCATTERED and not prop.absences
     for scenario in scenarios(prop, minimal=minimal, limit=limit):
-        rows = _Rows(scenario, semantics, late)
+        rows = _Rows(scenario, semantics, late, by)
         found: dict[tuple[int, int], int] = {}
         for done in _downward_closed(scenario, left, limit):
             for decided in rows.decided(done):
@@ -238,8 +240,9 @@ class _Clause(NamedTuple):
 class _Rows:
     """The stages of one scenario."""
 
-    def __init__(self, scenario: Scenario, semantics: Semantics, late: int | None) -> None:
+    def __init__(self, scenario: Scenario, semantics: Semantics, late: int | None, by: str | None) -> None:
         self._scenario = scenario
+        self._kept = () if by is None else (Slot((by,)),)
         self._ready = Ready(scenario.before)
         self._ordered = semantics is Semantics.SCATTERED
         self._lasting = semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
@@ -291,6 +294,7 @@ class _Rows:
         found.update((Slot((name,)), None) for name, events in self._shared if events & done and events & ~done)
         shared = (name for one in unsettled for name in one.part.shared)
         found.update((Slot((name,)), None) for name in shared if self._binds[name] & done)
+        found.update((slot, None) for slot in self._kept if done)
         found.update((slot, None) for slot in sorted(ends, key=str))
         smaller = {slot: wanted for slot in found if (wanted := self._direction(slot, pending, ends)) is not None}
         exact = sorted((slot for slot in found if slot not in smaller), key=str)

@@ -76,6 +76,19 @@ class EventTests:
     clock: str
 
 
+@dataclass(frozen=True)
+class Use:
+    """How a text monitors a log: each value of a key as a log of its own, and with the tests of a log's counts.
+
+    A `repeat` starts afresh after a detection with what has the value of `by`, or all. If not `repeats`, it cannot.
+    """
+
+    key: Sequence[KeyField] = ()
+    counted: EventTests | None = None
+    by: str | None = None
+    repeats: bool = True
+
+
 def laid_out(*fields: tuple[int, int]) -> tuple[int, int]:
     """Return the size and the alignment of a C structure with fields of these sizes and alignments.
 
@@ -107,15 +120,13 @@ class Writer(ABC):
     runtime: ClassVar[tuple[str, ...]]
     """The files with the sections of the runtime that depend on the tables."""
 
-    def __init__(
-        self, prop: Property, semantics: Semantics, key: Sequence[KeyField], counted: EventTests | None
-    ) -> None:
+    def __init__(self, prop: Property, semantics: Semantics, use: Use) -> None:
         self._prop = prop
         self._semantics = semantics
+        self._use = use
         self._fields = EventFields()
-        self._key = [(self._fields.number(first), self._fields.number(second)) for first, second in key]
+        self._key = [(self._fields.number(first), self._fields.number(second)) for first, second in use.key]
         self._fields.whole.update(*self._key)
-        self._counted = counted
         self._guards: dict[str, int] = {}
         self._patterns: dict[Pattern, int] = {}
         self._tests: list[str] = []
@@ -170,7 +181,7 @@ class Writer(ABC):
         """Return the text."""
         tables = self._tables()
         relevance = self._relevance() if self._semantics.projects else ""
-        counting = "" if self._counted is None else self._count_tests(self._counted)
+        counting = "" if self._use.counted is None else self._count_tests(self._use.counted)
         time = self._time()
         runtime, *others = (_file(name) for name in _FILES)
         sections = [_sections(_file(name)) for name in self.runtime]
@@ -230,7 +241,9 @@ class Writer(ABC):
             "TIMED": int(self._prop.time is not None),
             "NAMED": int(self._named),
             "KEYED": int(bool(self._key)),
-            "COUNTED": int(self._counted is not None),
+            "COUNTED": int(self._use.counted is not None),
+            "BY": int(self._use.by is not None),
+            "REPEATS": int(self._use.repeats),
             **({"KEY_FIELDS": len(self._key)} if self._key else {}),
         }
         lines = [f"#ifndef RVAFT_{name}\n#define RVAFT_{name} {value}\n#endif\n" for name, value in defaults.items()]

@@ -22,7 +22,7 @@ _MOST: Final = (1 << 64) - 1
 class Kind(NamedTuple):
     """The instances of a unit, or those with the last events of a leaf that has variables of its own."""
 
-    names: int
+    names: tuple[str, ...]
     slots: int
     starts: int
     rings: int
@@ -127,14 +127,14 @@ class _Placing(ABC):
             room = self._room(leaf, levels)
             needed = 4 * leaf.number + 2 * weights[0] * (levels - 1) * leaf.number if leaf.number > 1 else 0
             if leaf.own:
-                names = len(unit.key) + len(leaf.own)
+                names = (*unit.key, *leaf.own)
                 self.own.append(Kind(names, 0, room, 1, 0, unit.limits[leaf.node], needed))
             elif leaf.number > 1:
                 starts, rings, events = starts + room, rings + 1, events + needed
         made.leaves += reversed(leaves)
         made.names += unit.names
         made.nodes += [self._row(node) for node in range(size)]
-        made.kinds.append(Kind(len(unit.key), slots, starts, rings, order, unit.window, events))
+        made.kinds.append(Kind(unit.key, slots, starts, rings, order, unit.window, events))
         made.levels = max(made.levels, *map(self._levels, range(size)), *(one.levels for one in leaves))
         made.depth = max(made.depth, weights[0])
 

@@ -1,10 +1,10 @@
 """The writers of C for units: for each node the match that starts last, or a front of matches."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import ClassVar, Final
 
 from backends.c.events import expression
-from backends.c.text import CELL, LONG, WORD, EventTests, KeyField, Writer, array, laid_out, rows, times
+from backends.c.text import CELL, LONG, WORD, Use, Writer, array, laid_out, rows, times
 from backends.c.unit_tables import NONE, PlacedLeaf, UnitTables, duration
 from rvaft.core.passes import expand_times
 from rvaft.core.property import Property
@@ -24,8 +24,8 @@ class UnitWriter(Writer):
 
     runtime: ClassVar[tuple[str, ...]] = ("starts.c", "units.c")
 
-    def __init__(self, prop: Property, found: UnitTables, key: Sequence[KeyField], counted: EventTests | None) -> None:
-        super().__init__(prop, Semantics.SCATTERED, key, counted)
+    def __init__(self, prop: Property, found: UnitTables, use: Use) -> None:
+        super().__init__(prop, Semantics.SCATTERED, use)
         self._found = found
 
     def _observing(self) -> Property:
@@ -42,11 +42,16 @@ class UnitWriter(Writer):
             bound = self._bound[pattern]
             leaves.append(self._leaf(one, pattern, self._guard(one.leaf.guard, bound), len(names)))
             names += [str(bound[name]) for name in one.names]
-        kinds = (f"{{{kind.names}, {kind.slots}, {duration(kind.window)}}}" for kind in self._found.kinds)
+        by = self._use.by
+        kinds = [
+            f"{{{len(kind.names)}, {kind.slots}, {duration(kind.window)}{more}}}"
+            for kind in self._found.kinds
+            for more in ["" if by is None else f", {kind.names.index(by)}"]
+        ]
         made = (
             rows("node", "nodes", self._found.nodes, self._found.names),
             rows("leaf", "leaves", leaves, (one.leaf.source for one in self._found.leaves)),
-            array("kind", "kinds", [*kinds]) if self._named or not self._found.fronts else "",
+            array("kind", "kinds", kinds) if self._named or not self._found.fronts else "",
             array("uint32_t", "names", names or ["0"]) if self._named else "",
             self._key_fields(),
         )
@@ -79,7 +84,7 @@ class UnitWriter(Writer):
 
     @property
     def _texts(self) -> int:
-        return max(kind.names for kind in self._found.kinds)
+        return max(len(kind.names) for kind in self._found.kinds)
 
     @property
     def _share(self) -> int:
@@ -106,7 +111,7 @@ class UnitWriter(Writer):
         named: list[tuple[int, int]] = []
         if self._named:
             named = [WORD, WORD, *([WORD, WORD] if self._key else []), *([LONG] if self._expiring else [])]
-            named.append(times(CELL, self._most("names")))
+            named.append(times(CELL, max(1, self._texts)))
         table = [times(WORD, 6 + self._buckets)] if self._named else []
         return [LONG, laid_out(*table, times(laid_out(*named, self._kept), self._instances + 1))]
 
@@ -142,7 +147,7 @@ class UnitWriter(Writer):
             "NODES": len(found.nodes),
             "LEAVES": len(found.leaves),
             "DEPTH": found.depth,
-            "NAMES": self._most("names"),
+            "NAMES": max(1, self._texts),
             "SLOTS": max(kind.slots for kind in found.kinds),
             "STARTS": self._most("starts"),
             "RINGS": self._most("rings"),

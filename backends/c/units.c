@@ -87,6 +87,9 @@ typedef struct kind {
     uint32_t names;
     uint32_t slots;  /* the number of starts of matches, or of fronts */
     uint64_t within; /* without an event for longer, an instance is over */
+#if RVAFT_BY
+    uint32_t by; /* the name by which matches are repeated */
+#endif
 } kind;
 
 /* @marks */
@@ -268,9 +271,9 @@ static uint32_t *bucket_of(instance_table *t, uint64_t h) {
     return &t->head[(uint32_t)(h >> 32 ^ h >> 61) & t->mask & (RVAFT_BUCKETS - 1)];
 }
 
-static void link_instance(instance_table *t, uint32_t number) {
-    instance *r = &ROW(t->item, number);
-    uint32_t i, *home;
+/* The bucket of an instance. */
+static uint32_t *home_of(instance_table *t, const instance *r) {
+    uint32_t i;
 #if RVAFT_KEYED
     uint64_t h = hash_of(r->kind, r->key);
 #else
@@ -279,7 +282,12 @@ static void link_instance(instance_table *t, uint32_t number) {
     for (i = 0; i < kind_of(r)->names; i++) {
         h = hash_with(h, &ROW(r->name, i));
     }
-    home = bucket_of(t, h);
+    return bucket_of(t, h);
+}
+
+static void link_instance(instance_table *t, uint32_t number) {
+    instance *r = &ROW(t->item, number);
+    uint32_t *home = home_of(t, r);
     r->next = *home;
     *home = number + 1;
 }
@@ -301,6 +309,17 @@ static void mark_keys(rvaft_monitor *m) {
 }
 #endif
 
+/* Make an instance free, which is in no bucket any more. */
+static void free_instance(rvaft_monitor *m, uint32_t number) {
+    instance_table *t = &m->instances;
+    instance *r = &ROW(t->item, number);
+    drop_kept(m, &r->kept);
+    r->kind = NONE;
+    r->next = t->spare;
+    t->spare = number + 1;
+    t->used--;
+}
+
 /* Remove the instances that are over. */
 static void drop_instances(rvaft_monitor *m) {
     instance_table *t = &m->instances;
@@ -308,11 +327,7 @@ static void drop_instances(rvaft_monitor *m) {
     for (i = 0; i < t->count && i < RVAFT_INSTANCES; i++) {
         instance *r = &t->item[i];
         if (r->kind != NONE && is_over(m, r)) {
-            drop_kept(m, &r->kept);
-            r->kind = NONE;
-            r->next = t->spare;
-            t->spare = i + 1;
-            t->used--;
+            free_instance(m, i);
         } else if (r->kind != NONE && log_of(m, r)->has_latest) {
             trim_kept(m, &r->kept, r->kind, log_of(m, r)->latest);
         }
@@ -501,20 +516,85 @@ static int take_event(rvaft_monitor *m, const rvaft_event *e, const leaf *l) {
     return !(l->settled && is_settled(&r->kept, l->node)) && take(m, e, &r->kept, l);
 }
 
+#if RVAFT_BY
+/* Remove the instances with one name that have a value, and return whether others have names, too. */
+static int remove_named(rvaft_monitor *m, const cell *value) {
+    instance_table *t = &m->instances;
+    uint32_t number;
+    int several = 0;
+    for (number = 0; number < sizeof kinds / sizeof kinds[0]; number++) {
+        uint32_t *at = bucket_of(t, hash_with(hash_of(number, CURRENT_KEY(m)), value));
+        if (kinds[number].names > 1) {
+            several = 1;
+            continue;
+        }
+        while (*at != 0 && *at <= RVAFT_INSTANCES) {
+            const uint32_t found = *at - 1;
+            instance *r = &t->item[found];
+            if (r->kind == number && has_key(m, r) && same_cell(&r->name[0], value)) {
+                *at = r->next;
+                free_instance(m, found);
+            } else {
+                at = &r->next;
+            }
+        }
+    }
+    return several;
+}
+
+/* Remove the instances with a value of the variable by which matches are repeated. */
+static void restart(rvaft_monitor *m, const cell *value) {
+    instance_table *t = &m->instances;
+    uint32_t i;
+    if (value->tag == RVAFT_UNDEFINED || !remove_named(m, value)) {
+        return;
+    }
+    for (i = 0; i < t->count && i < RVAFT_INSTANCES; i++) {
+        instance *r = &t->item[i];
+        if (r->kind != NONE && has_key(m, r) && same_cell(&ROW(r->name, kind_of(r)->by), value)) {
+            uint32_t *at = home_of(t, r);
+            while (*at != i + 1 && *at != 0 && *at <= RVAFT_INSTANCES) {
+                at = &t->item[*at - 1].next;
+            }
+            *at = r->next;
+            free_instance(m, i);
+        }
+    }
+}
+#endif
+
 /* Take an event at all leaves, the last ones of sequences first, so that no event is used twice. */
 /*@ assigns *m; */
 static int scattered(rvaft_monitor *m, const rvaft_event *e, const uint8_t *matches) {
     uint32_t i;
+#if RVAFT_BY
+    uint8_t detected[RVAFT_LEAVES] = {0};
+    int some = 0;
+#endif
     for (i = 0; i < RVAFT_LEAVES; i++) {
         const leaf *l = &leaves[i];
         if (matches[l->pattern] && take_event(m, e, l)) {
+#if RVAFT_BY
+            detected[i] = 1;
+            some = 1;
+#else
             return 1;
+#endif
         }
         if (m->error != 0) {
             return 0;
         }
     }
+#if RVAFT_BY
+    for (i = 0; some && i < RVAFT_LEAVES; i++) {
+        if (detected[i]) {
+            restart(m, cell_of(m, e, ROW(names, leaves[i].names + ROW(kinds, leaves[i].unit).by), 0));
+        }
+    }
+    return some;
+#else
     return 0;
+#endif
 }
 
 /* Remove what no later event can complete. */

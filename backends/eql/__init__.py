@@ -6,7 +6,8 @@ A text has one query per order of the tree's events; a match of any query is a d
 """
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from copy import copy
+from typing import Any, ClassVar
 
 from backends.eql.reader import compiled, with_time
 from backends.eql.translation import NO_NULL, EqlText
@@ -14,7 +15,7 @@ from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
 from rvaft.core.passes import Pass, expand_times, order_ends
 from rvaft.core.property import Condition, Part, Property, Within, Without
-from rvaft.errors import Reason, unwritten
+from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
@@ -72,9 +73,22 @@ class EqlBackend(Backend):
     }
     default_limit: ClassVar[int] = 1_000
 
+    _missing: bool = False
+
+    def mapped(self, mapping: Mapping[str, Any]) -> "EqlBackend":
+        """Return the backend that writes missing events, `![…]`, for `{"missing_events": True}`.
+
+        They are for Elasticsearch: the package `eql` does not have them.
+        """
+        if {*mapping} != {"missing_events"} or not isinstance(mapping["missing_events"], bool):
+            raise OptionError('eql takes {"missing_events": true}, and no other mapping')
+        twin = copy(self)
+        vars(twin)["_missing"] = mapping["missing_events"]
+        return twin
+
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:  # noqa: ARG002
         """Return the queries."""
-        text, symbols = EqlText(prop, limit).text()
+        text, symbols = EqlText(prop, limit, missing=self._missing).text()
         return SpecificationText(text, Metrics(symbols))
 
     def log(self, tree: RVAFT, trace: Sequence[Json]) -> str:

@@ -30,7 +30,6 @@ _REFUSED: Final = {
     "named_subquery": "Elasticsearch has no descendant queries",
     "fork_param": "Elasticsearch has no fork",
     "method": "Elasticsearch has no methods",
-    "MISSING_EVENT_OPEN": "![: the package eql does not support missing events",
     "MULT_OP": "the package eql divides differently from Elasticsearch",
 }
 _NAMES: Final = "startsWith endsWith stringContains add concat length multiply string substring subtract"
@@ -201,9 +200,21 @@ def parsed(source: str) -> Any:
             raise error_at(error.error_msg, source, place(source, error.line, error.column), FILE) from None
         except RecursionError:
             raise error_at("this query is nested too deeply", source, 0, FILE) from None
+    terms = [*getattr(query, "queries", ())]
+    if any(map(is_missing, terms)):
+        *before, last = map(is_missing, terms)
+        if last or not all(before) or isinstance(query, eql.ast.Sample) or query.close:
+            raise error_at("missing events are read before a single event alone", source, source.find("!["), FILE)
+    if getattr(query, "close", None) and is_missing(query.close):
+        raise error_at("Elasticsearch ignores the `!` of `until`", source, source.rfind("!["), FILE)
     if isinstance(query, eql.ast.Sample) and len(query.queries) > _LARGEST_SAMPLE:
         raise error_at(f"a sample has at most {_LARGEST_SAMPLE} events here", source, 0, FILE)
     return query
+
+
+def is_missing(term: Any) -> bool:
+    """Return whether a term of a sequence is a missing event."""
+    return bool((term.data or {}).get("is_negated"))
 
 
 def place(text: str, line: int, column: int) -> int:

@@ -11,12 +11,13 @@ not index lists: a text with an index runs here, and other tests of lists are le
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import pairwise, permutations, product
+from itertools import groupby, pairwise, permutations, product
 from threading import Lock
 from typing import Any, Final
 
-from backends.eql.queries import CATEGORY, FILE, FUNCTIONS, OPTIONAL, parsed, place
+from backends.eql.queries import CATEGORY, FILE, FUNCTIONS, OPTIONAL, is_missing, parsed, place
 from rvaft.errors import LanguageError, ToolFailed, TraceError, error_at, installed
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
@@ -28,6 +29,7 @@ _QUERY: Final = re.compile(rf"(?:{_TEXTS}|//[^\n]*|/\*.*?\*/|[^;])+", re.DOTALL)
 _TIME: Final = re.compile(r"(?:\s|/\*.*?\*/|//(?![ \t]*time[ \t])[^\n]*\n)*//[ \t]*(time[ \t][^\n]*\S)", re.DOTALL)
 _DEFAULT_TIME: Final = EventTime(("@timestamp",), TimeFormat.ISO8601)
 _BACKWARDS: Final = "`maxspan` needs events in time order, and the times of this trace decrease"
+_ONE_MILLISECOND: Final = "Elasticsearch does not order a missing event and another one in the same millisecond"
 _ABSENT: Final = "Elasticsearch does not distinguish null from a missing field"
 _LISTS: Final = "Elasticsearch tests each element of a list separately"
 _EVENT, _END = "event", "end"
@@ -70,16 +72,20 @@ class Queries:
         self._asked: dict[str, int] = {}
         self._answers: list[Callable[[Any], Json]] = []
         self._fields: set[tuple[str | int, ...]] = set()
+        self._missing: list[MissingEvents] = []
         made = [one for query in queries for one in self._sequences(query)]
         timed = [one for one in made if getattr(one.first, "max_span", None)]
         self._queries = [one for one in made if one not in timed], timed
         self._types = [_EVENT, _END] if any(getattr(one.first, "close", None) for one in made) else [_EVENT]
-        self._time = time or (_DEFAULT_TIME if timed else None)
+        self._time = time or (_DEFAULT_TIME if timed or self._missing else None)
         self._by_number = any(isinstance(part, int) for path in self._fields for part in path)
         self._engines, self._found, self._traces = list[Any](), list[Any](), 0
 
     def _sequences(self, query: Any) -> Iterator[Any]:
         ast = self._module.ast
+        if any(map(is_missing, getattr(query, "queries", ()))):
+            self._missing.append(self._missing_events(query))
+            return
         if isinstance(query, ast.EventQuery):
             yield ast.PipedQuery(ast.EventQuery(_EVENT, self._number(query, [])))
             return
@@ -90,13 +96,28 @@ class Queries:
         for order in permutations(terms) if isinstance(query, ast.Sample) else [terms]:
             yield ast.PipedQuery(ast.Sequence([*order], span, close))
 
-    def _term(self, term: Any, kind: str) -> Any:
+    def _missing_events(self, query: Any) -> "MissingEvents":
+        *missing, event = query.queries
+
+        def asked(term: Any) -> tuple[int, ...]:
+            condition, *joined = self._asks(term)
+            return (condition.base, *(one.base for one in joined))
+
+        span = query.max_span.as_milliseconds() * UNITS["ms"]
+        return MissingEvents(asked(event), tuple(map(asked, missing)), span)
+
+    def _asks(self, term: Any) -> list[Any]:
+        """Return the condition of a term, and its keys."""
         ast = self._module.ast
         optional = [isinstance(one, ast.FunctionCall) and one.name == OPTIONAL for one in term.join_values]
         keys = [one.arguments[0] if free else one for one, free in zip(term.join_values, optional, strict=True)]
         needed = [ast.IsNotNull(one) for one, free in zip(keys, optional, strict=True) if not free]
-        joined = [self._answer(ast.FunctionCall(_KEY, [one])) for one in keys]
-        return ast.SubqueryBy(ast.EventQuery(kind, self._number(term.query, needed)), [*joined, ast.Field(_TRACE)])
+        return [self._number(term.query, needed), *(self._answer(ast.FunctionCall(_KEY, [one])) for one in keys)]
+
+    def _term(self, term: Any, kind: str) -> Any:
+        ast = self._module.ast
+        condition, *joined = self._asks(term)
+        return ast.SubqueryBy(ast.EventQuery(kind, condition), [*joined, ast.Field(_TRACE)])
 
     def _number(self, query: Any, more: Sequence[Any]) -> Any:
         ast, kind = self._module.ast, query.event_type
@@ -124,6 +145,7 @@ class Queries:
         self._found.clear()
         if why := self.left_open(trace):
             raise TraceError(why, line=None)
+        missing = [one.started() for one in self._missing]
         for number, event in enumerate(trace, 1):
             moment = None if self._time is None else self._time.read(event)
             try:
@@ -136,26 +158,77 @@ class Queries:
             except Exception as error:  # errors of the engine on unexpected values
                 self._traces = 0
                 raise ToolFailed("eql", reason=f"event {number}: {type(error).__name__}: {error}") from error
-            if self._found:
+            if self._found or (moment is not None and any(one.step(moment, answers) for one in missing)):
                 return number
         return None
 
     def left_open(self, trace: Sequence[Json]) -> str:
         """Return why the trace has no verdict, or an empty string."""
-        read = [] if self._time is None or not self._queries[1] else map(self._time.read, trace)
-        times = [time for time in read if time is not None]
+        timed = self._time is not None and (self._queries[1] or self._missing)
+        times = [time for one in trace if timed and self._time and (time := self._time.read(one)) is not None]
         if any(later < earlier for earlier, later in pairwise(times)):
             return _BACKWARDS
+        if self._missing and any(len(some) > 1 and self._collide(some) for some in self._by_millisecond(trace)):
+            return _ONE_MILLISECOND
         if any(_at(event, path) is _NULL for path, event in product(self._fields, trace)):
             return _ABSENT
         ends = () if self._by_number else {path[:end] for path in self._fields for end in range(1, len(path) + 1)}
         return _LISTS if any(isinstance(_at(event, path), list) for path, event in product(ends, trace)) else ""
+
+    def _by_millisecond(self, trace: Sequence[Json]) -> Iterator[list[Json]]:
+        """Iterate over the events of each millisecond."""
+        assert self._time is not None, "queries with missing events have times"
+        timed = [(time, event) for event in trace if (time := self._time.read(event)) is not None]
+        for _, some in groupby(timed, lambda one: one[0] // UNITS["ms"]):
+            yield [event for _, event in some]
+
+    def _collide(self, events: Sequence[Json]) -> bool:
+        """Whether one of the events may be a missing event, and another one the event after it."""
+        given = [self._module.Event(_EVENT, 0, {**event, _CATEGORIES: _categories(event)}) for event in events]
+
+        def hits(number: int) -> set[int]:
+            return {place for place, event in enumerate(given) if self._answers[number - 1](event)}
+
+        return any(
+            {(one, other) for one, other in product(hits(query.event[0]), hits(term[0])) if one != other}
+            for query in self._missing
+            for term in query.missing
+        )
 
     def _engine(self, queries: Sequence[Any]) -> Any:
         engine = self._module.PythonEngine({"time_unit": UNITS["ms"]})
         engine.add_output_hook(self._found.append)
         engine.add_queries(queries)
         return engine
+
+
+@dataclass
+class MissingEvents:
+    """Missing events before a single event, as Elasticsearch looks for them.
+
+    The event detects unless one of the `missing` with its keys came at most `span` ns before it. Each is the
+    number of a condition and those of keys. `last` has the last time of each by its keys.
+    """
+
+    event: tuple[int, ...]
+    missing: tuple[tuple[int, ...], ...]
+    span: int
+    last: dict[tuple[int, tuple[Json, ...]], int] = field(default_factory=dict)
+
+    def started(self) -> "MissingEvents":
+        """Return the same for a new trace."""
+        return replace(self, last={})
+
+    def step(self, time: int, answers: Mapping[int, Json]) -> bool:
+        """Return whether an event of a later time detects."""
+        condition, *keys = self.event
+        values = tuple(answers[one] for one in keys)
+        times = (self.last.get((number, values)) for number in range(len(self.missing)))
+        found = bool(answers[condition]) and not any(one is not None and time - one <= self.span for one in times)
+        for number, (other, *own) in enumerate(self.missing):
+            if answers[other]:
+                self.last[number, tuple(answers[one] for one in own)] = time
+        return found
 
 
 def with_time(text: str, time: EventTime) -> str:

@@ -15,7 +15,7 @@ from backends.absences import clauses_of
 from backends.field_conditions import FieldConditions, FieldPath, Lack
 from backends.orders import GuardedEvent, Orders, merged
 from rvaft.core.overlaps import overlaps
-from rvaft.core.property import Event, Part, Property, Within
+from rvaft.core.property import Event, Part, Property, Within, Without
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, Reason, TooLarge, cannot, naming, unwritten
 from rvaft.model.assumptions import Declared, declared
@@ -44,13 +44,14 @@ NO_NULL: Final = cannot("EQL does not distinguish a null field from a missing on
 @dataclass(frozen=True, slots=True)
 class Item:
     """One event of a sequence: alternative conditions, join keys, and the `maxspan` in ns and the
-    `until` of the sequence.
+    `until` of the sequence; or a single event before which another one is `missing` for its span.
     """
 
     conditions: tuple[str, ...]
     keys: tuple[str, ...] = ()
     span: int | None = None
     until: "Item | None" = None
+    missing: "Item | None" = None
 
     def __str__(self) -> str:
         several = len(self.conditions) > 1
@@ -63,15 +64,17 @@ def _union(items: Sequence[Item]) -> Item:
 
 def query(items: Sequence[Item]) -> str:
     """Return the text of a sequence, or of a query for one event."""
-    if len(items) == 1:
+    span, until, missing = items[0].span, items[0].until, items[0].missing
+    if len(items) == 1 and missing is None:
         return str(items[0])
-    span, until = items[0].span, items[0].until
-    shared = {item.keys for item in (*items, *([] if until is None else [until]))}
+    shared = {item.keys for item in (*items, *(one for one in (until, missing) if one is not None))}
     keys = f" by {', '.join(items[0].keys)}" if len(shared) == 1 and items[0].keys else ""
     if span is not None:
         unit = next(unit for unit, size in _SPANS.items() if span % size == 0)
         keys += f" with maxspan={span // _SPANS[unit]}{unit}"
     lines = [f"sequence{keys}"]
+    if missing is not None:
+        lines.append(f"  ![{missing}]" + (f" by {', '.join(missing.keys)}" if len(shared) > 1 else ""))
     for item, run in groupby(items):
         own, count = f" by {', '.join(item.keys)}" if len(shared) > 1 else "", len([*run])
         runs = [_RUNS] * (count // _RUNS) + [count % _RUNS] * (count % _RUNS > 0)
@@ -86,8 +89,8 @@ class EqlText:
     scenario.
     """
 
-    def __init__(self, prop: Property, limit: int) -> None:
-        self._prop = prop
+    def __init__(self, prop: Property, limit: int, *, missing: bool = False) -> None:
+        self._prop, self._missing = prop, missing
         self._time = prop.time if any(isinstance(part, Within) for part in prop.parts) else None
         if len(prop.events) > limit:
             raise TooLarge("events in all possible orders", limit=limit)
@@ -100,9 +103,10 @@ class EqlText:
         orders = self._orders
         some = ((one, items) for one in orders.scenarios() if (items := self._items(one)) is not None)
         words = chain.from_iterable(orders.words(one, items) for one, items in some)
-        alternatives = merged(words, _union, lambda item: (item.keys, item.span, item.until))
+        alternatives = merged(words, _union, lambda item: (item.keys, item.span, item.until, item.missing))
         texts = [query(word) for word in alternatives] or ["any where false"]
-        header = OPENING if self._time is None else f"{OPENING}\n// {time_text(self._time)}"
+        time = self._prop.time if any(one.missing for word in alternatives for one in word) else self._time
+        header = OPENING if time is None else f"{OPENING}\n// {time_text(time)}"
         return f"{header}\n" + ";\n".join(texts) + "\n", sum(len(_TOKEN.findall(text)) for text in texts)
 
     def _span(self, scenario: Scenario) -> int | None:
@@ -139,11 +143,51 @@ class EqlText:
                 raise NotExpressible(
                     unwritten(f"`by` joins all events of a sequence, and some lack {variable}"), nodes=having
                 )
-        span, until = self._span(scenario), self._until(scenario, shared)
+        span = self._span(scenario)
+        if self._missing and (before := [one for one in scenario.absences if one[0].duration is not None]):
+            (event,) = self._single(scenario, before)
+            missing = self._before(event, paths[event], [clause for clause, _ in before])
+            keys = tuple(paths[event][name] for name in sorted(before[0][0].shared))
+            return {event: Item(self._conditions(event, guards[event]), keys, missing.span, missing=missing)}
+        until = self._until(scenario, shared)
         return {
             event: Item(self._conditions(event, guards[event]), tuple(paths[event][one] for one in shared), span, until)
             for event in scenario.events
         }
+
+    def _single(self, scenario: Scenario, before: Iterable[tuple[Without, Sequence[Event]]]) -> tuple[Event]:
+        """Return the only event of a scenario with clauses that all are `for D before`."""
+        for clause, _ in before:
+            if clause.side is not Side.BEFORE:
+                why = "Elasticsearch reports a missing event at the end before its time has passed"
+                self._refuse(clause.source.node, why)
+            if len(scenario.events) > 1:
+                why = "Elasticsearch measures `maxspan` from a missing event to the last event of its sequence"
+                self._refuse(clause.source.node, why)
+        for clause, _ in scenario.absences:
+            if clause.side is Side.BEFORE and clause.duration is None:
+                self._refuse(clause.source.node, "a missing event needs a `maxspan`, and this one has no duration")
+        return (scenario.events[0],)
+
+    def _before(self, event: Event, paths: Mapping[str, str], clauses: Sequence[Without]) -> Item:
+        """Return the event that is missing before another one."""
+        found = list[Item]()
+        for clause in clauses:
+            node, duration = clause.source.node, clause.duration or 0
+            if not duration or duration % UNITS["ms"]:
+                self._refuse(node, "a `maxspan` has whole milliseconds, at least 1")
+            if {*clause.shared} - {*paths}:
+                self._refuse(node, "an absent event that shares a variable of a choice")
+            with naming(node):
+                own = self._dialect.paths(clause.pattern)
+                guards = [] if clause.guard is None else [clause.guard]
+                condition = self._dialect.of(clause.pattern, guards, Declared())
+            if {*clause.shared} - {*own}:
+                self._refuse(node, "a guard over a missing event and the event after it")
+            found.append(Item((condition,), tuple(own[one] for one in sorted(clause.shared)), duration))
+        if len({(one.keys, one.span) for one in found}) > 1 or len({one.shared for one in clauses}) > 1:
+            self._refuse(event.source.node, "absent events of different durations or variables")
+        return _union(found)
 
     def _until(self, scenario: Scenario, shared: Sequence[str]) -> Item | None:
         """Return what ends a sequence, without the clauses that nothing can break."""

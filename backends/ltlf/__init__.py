@@ -56,7 +56,7 @@ class LtlfBackend(Backend):
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the formula."""
         prop = without_vacuous(prop, semantics)
-        refuse_timeless(prop)
+        refuse_timeless(prop, semantics, {Semantics.SCATTERED, Semantics.CONSECUTIVE})
         return SpecificationText(*Translation(prop, semantics, limit).text())
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:

@@ -4,7 +4,7 @@ import re
 from collections import Counter
 from typing import Final, assert_never
 
-from backends.absences import OpenClauses, breaking_event
+from backends.absences import OpenClauses, breaking_event, require_unbroken
 from backends.ltlf.composition import Composer
 from backends.ltlf.formulas import FALSE, JUNCTIONS, TRUE, Connective, Formulas
 from backends.ltlf.parts import Anatomy, GuardsOf, settled, simplified
@@ -55,7 +55,8 @@ class Translation:
         formulas, header = self._formulas, self._header
         relevant = self._relevance() if self._semantics.projects else TRUE
         if self._prop.absences:
-            some = scenarios(self._prop) if self._prop.feasible else ()
+            some = [*scenarios(self._prop)] if self._prop.feasible else []
+            require_unbroken(some)
             root = formulas.disjunction(self._of_scenario(one, relevant) for one in some)
         else:
             form, monotone = numbered(self._prop), self._semantics is Semantics.SCATTERED
@@ -117,7 +118,7 @@ class Translation:
     def _of_scenario(self, scenario: Scenario, relevant: int) -> int:
         """Return the formula of one scenario, over the sets of its events that are there.
 
-        The events that break a clause are false from one event of its part to the next.
+        The events that break a clause are false from one event of its part to the next, or before its first one.
         """
         f, clauses, ready = self._formulas, OpenClauses.of(scenario), Ready(scenario.before)
         everything, known = (1 << len(scenario.events)) - 1, dict[int, int]()
@@ -147,10 +148,9 @@ class Translation:
                     return f.until(f.conjunction(waiting), rest)
                 case Semantics.PROJECTED:
                     return f.until(f.conjunction(waiting), f.conjunction([relevant, rest]))
-                case Semantics.CONSECUTIVE if done:
+                case Semantics.CONSECUTIVE:  # before its first event, relevant ones may come
+                    waiting = waiting if done else waiting[1:]
                     return f.until(f.conjunction(waiting), f.conjunction([relevant, rest]))
-                case Semantics.CONSECUTIVE:
-                    return f.eventually(f.conjunction([relevant, rest]))
                 case _:
                     assert_never(self._semantics)
 

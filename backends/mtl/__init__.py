@@ -74,13 +74,13 @@ class MtlBackend(MtlCapabilities):
                 "shared": unwritten(
                     "a proposition is about one event, and an absent event shares variables with others"
                 ),
-                "duration": unwritten("absent events are written without durations"),
             },
         )
         if prop.timed:
             return self._windowed(prop, semantics, limit)
         chains = translation(prop, semantics, limit)
-        header = "".join(f"{name} := {definition}\n" for name, definition in chains.definitions)
+        time = f"{time_text(prop.time)}, bounds in {chains.unit}\n" if chains.unit and prop.time is not None else ""
+        header = time + "".join(f"{name} := {definition}\n" for name, definition in chains.definitions)
         formula = chains.formula(REELAY)
         return SpecificationText(f"/* rvaft\n{header}*/\n{formula}\n", Metrics(symbols(formula)))
 

@@ -1,7 +1,7 @@
 """Properties to past MTL: a disjunction of event orders, each a chain of earlier events."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, combinations, product
 from typing import Final, NamedTuple, NoReturn, assert_never
@@ -17,6 +17,7 @@ from rvaft.model import patterns
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import guard_text, pattern_text
 from rvaft.model.guards import Guard
+from rvaft.model.nodes import Side
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics
 
@@ -34,7 +35,7 @@ class Syntax:
     """The operators of past MTL in one syntax.
 
     `before` is one event ago, `earlier` at any event ago, `since` the second formula at an event
-    from which on the first holds.
+    from which on the first holds. `recent` is once within a bound.
     """
 
     atom: str
@@ -45,10 +46,19 @@ class Syntax:
     before: str
     earlier: str
     since: str
+    recent: str = ""
 
 
 REELAY: Final = Syntax(
-    "{{{}: true}}", " or ", " and ", "not {}", "once({})", "pre({})", "pre(once({}))", "({} since ({}))"
+    "{{{}: true}}",
+    " or ",
+    " and ",
+    "not {}",
+    "once({})",
+    "pre({})",
+    "pre(once({}))",
+    "({} since ({}))",
+    "once[0:{}]({})",
 )
 
 
@@ -61,10 +71,27 @@ def c2po(horizon: int) -> Syntax:
 class Letter(NamedTuple):
     """One event of an order: a choice of propositions, of which none of `absent` holds between the
     previous one and it.
+
+    If it is `timed`, it has a time. None of the propositions `before` holds so many nanoseconds before it, and none
+    of those `after` so many after it, which a later event decides.
     """
 
     some: tuple[str, ...]
     absent: tuple[str, ...] = ()
+    timed: bool = False
+    before: tuple[tuple[str, int], ...] = ()
+    after: tuple[tuple[str, int], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All propositions, those of the event first."""
+        return (*self.some, *self.absent, *(name for name, _ in (*self.before, *self.after)))
+
+    def renamed(self, names: Mapping[str, str]) -> "Letter":
+        """Return the letter with other names."""
+        some, absent = (tuple(names[one] for one in each) for each in (self.some, self.absent))
+        near, later = (tuple((names[one], within) for one, within in each) for each in (self.before, self.after))
+        return Letter(some, absent, self.timed, near, later)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +102,8 @@ class Chains:
     """The definitions of the propositions, as `PATTERN when GUARD`; those of one name are alternatives."""
     words: tuple[tuple[Letter, ...], ...]
     semantics: Semantics
+    unit: str = ""
+    """The unit of bounds; empty without durations."""
 
     @property
     def propositions(self) -> tuple[str, ...]:
@@ -83,7 +112,28 @@ class Chains:
 
     def formula(self, dialect: Syntax) -> str:
         """Return the formula; in `REELAY` it holds from the detection on, in C2PO at the detection."""
-        return dialect.either.join(dialect.once.format(self._chain(word, dialect)) for word in self.words)
+        return dialect.either.join(dialect.once.format(self._decided(word, dialect)) for word in self.words)
+
+    def _recent(self, part: str, within: int, dialect: Syntax) -> str:
+        """Return that a part was true now or before, at an event with a time, at most a duration ago."""
+        return dialect.recent.format(within // UNITS[self.unit], part)
+
+    def _decided(self, word: Sequence[Letter], dialect: Syntax) -> str:
+        """Return that a word has come, and that an event now decides that none has come `after` it.
+
+        An event with a time that came within the duration broke it. Since then no such event came, so it is enough that
+        the first match since then ended longer ago than the duration.
+        """
+        match = self._chain(word, dialect)
+        if not word[-1].after:
+            return match
+        within, last = word[-1].after[0][1], dialect.atom.format(word[-1].some[0])
+        breaking = dialect.either.join(dialect.atom.format(name) for name, _ in word[-1].after)
+        breaking = dialect.both.join([f"({breaking})", self._recent(breaking, 1 * UNITS[self.unit], dialect)])
+        since = dialect.before.format(dialect.since.format(dialect.negated.format(f"({breaking})"), match))
+        first = dialect.both.join([match, dialect.negated.format(since)])
+        timed = self._recent(f"{last}{dialect.either}{dialect.negated.format(last)}", 1 * UNITS[self.unit], dialect)
+        return dialect.both.join([timed, since, dialect.negated.format(self._recent(first, within, dialect))])
 
     def _chain(self, word: Sequence[Letter], dialect: Syntax) -> str:
         """Return the formula that the last event of a word is now, and the others are before it."""
@@ -122,7 +172,9 @@ class Chains:
                     past = never
                 case _:
                     assert_never(self.semantics)
-            found = dialect.both.join(filter(None, (now, ignored, *past)))
+            known = self._recent(now, UNITS[self.unit], dialect) if letter.timed else ""
+            near = [negated(self._recent(atom(name), within, dialect)) for name, within in letter.before]
+            found = dialect.both.join(filter(None, (now, known, *near, ignored, *past)))
         return found
 
 
@@ -133,6 +185,7 @@ def symbols(formula: str) -> int:
 
 def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
     """Return the event orders of a property; if there are none, a proposition that never holds."""
+    unit = _unit(prop)
     minimal = semantics is Semantics.SCATTERED and not prop.absences  # an absent event may be one that is used
     orders = Orders(prop, limit=limit, minimal=minimal)
 
@@ -144,6 +197,7 @@ def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
             return None
         leaves = {event: orders.groups.get(event, ((event, guards[event]),)) for event in scenario.events}
         clauses = clauses_of(scenario)
+        _require_apart(scenario, (one for some in leaves.values() for one, _ in some))
         return {
             event: (tuple(dict.fromkeys(_definition(one.pattern, its) for one, its in some)), clauses[event])
             for event, some in leaves.items()
@@ -151,32 +205,90 @@ def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
 
     def spelled(word: Sequence[tuple[tuple[str, ...], tuple[Without, ...]]]) -> tuple[Letter, ...]:
         absent = gaps([clauses for _, clauses in word]) if semantics is not Semantics.STRICT else [[]] * len(word)
-        definitions = [[_definition(one.pattern, [one.guard] if one.guard else []) for one in own] for own in absent]
-        return tuple(Letter(some, tuple(dict.fromkeys(own))) for (some, _), own in zip(word, definitions, strict=True))
+        letters = [
+            Letter(some, tuple(dict.fromkeys(map(_breaking, own)))) for (some, _), own in zip(word, absent, strict=True)
+        ]
+        for clause in dict.fromkeys(chain.from_iterable(clauses for _, clauses in word)):
+            if clause.duration is not None:
+                _add(letters, clause, [place for place, (_, clauses) in enumerate(word) if clause in clauses])
+        return tuple(letters)
 
     some = ((one, found) for one in orders.scenarios() if (found := letters(one)) is not None)
     words = merged(
         map(spelled, chain.from_iterable(orders.words(one, found) for one, found in some)),
-        lambda several: Letter(
-            tuple(dict.fromkeys(chain.from_iterable(one.some for one in several))), several[0].absent
+        lambda several: several[0]._replace(
+            some=tuple(dict.fromkeys(chain.from_iterable(one.some for one in several)))
         ),
-        lambda letter: letter.absent,
+        lambda letter: letter[1:],
     )
     if any(len(word) > _DEEPEST for word in words):
         raise NotExpressible(unwritten(f"Reelay aborts on formulas deeper than {_DEEPEST} events"))
     if not words:
         return Chains(((_NEVER, "{ } when false"),), ((Letter((_NEVER,)),),), Semantics.SCATTERED)
     each = list(chain.from_iterable(words))
-    definitions = dict.fromkeys(chain.from_iterable((*(one.some for one in each), *(one.absent for one in each))))
+    definitions = dict.fromkeys(
+        chain.from_iterable((*(one.some for one in each), *(one.names[len(one.some) :] for one in each)))
+    )
     names = {one: f"p{number}" for number, one in enumerate(definitions, 1)}
-
-    def name(letter: Letter) -> Letter:
-        return Letter(*(tuple(map(names.__getitem__, some)) for some in letter))
-
-    named = tuple(tuple(map(name, word)) for word in words)
+    named = tuple(tuple(letter.renamed(names) for letter in word) for word in words)
     several = semantics is Semantics.PROJECTED or any(len(word) > 1 for word in words)
     relevance = _relevance(prop, several=several) if semantics.projects else ()
-    return Chains((*((name, one) for one, name in names.items()), *relevance), named, semantics)
+    return Chains((*((name, one) for one, name in names.items()), *relevance), named, semantics, unit)
+
+
+def _either(letters: Sequence[Letter]) -> Letter:
+    """Return a letter for all of some that differ in the choice of propositions."""
+    return letters[0]._replace(some=tuple(dict.fromkeys(chain.from_iterable(one.some for one in letters))))
+
+
+def _unit(prop: Property) -> str:
+    """Return the unit in which the durations of absent events are whole numbers; empty without durations."""
+    clauses = [one for one in prop.absences if one.duration is not None]
+    durations = [one.duration or 0 for one in clauses]
+    late = prop.tree.time is not None and prop.tree.time.late
+    unit = next(one for one in ("s", "ms", "us", "ns") if not any(each % UNITS[one] for each in durations))
+    for clause, duration in zip(clauses, durations, strict=True):
+        nodes = [clause.source.node]
+        if not 0 < duration < _LONGEST * UNITS[unit]:
+            raise NotExpressible(
+                unwritten(f"a duration of an absent event is 1 to {_LONGEST - 1:,} {unit}"), nodes=nodes
+            )
+        if clause.side is Side.AFTER and late:  # what comes between the duration and the lateness breaks nothing
+            raise NotExpressible(unwritten("`for D after` is written without `late`, or with `late 0 s`"), nodes=nodes)
+    return unit if clauses else ""
+
+
+def _breaking(clause: Without) -> str:
+    return _definition(clause.pattern, [] if clause.guard is None else [clause.guard])
+
+
+def _add(letters: list[Letter], clause: Without, places: Sequence[int]) -> None:
+    """Add a clause with a duration to the letters at the places of its part."""
+    assert clause.duration is not None
+    one = (_breaking(clause), clause.duration)
+    for place in places:
+        letters[place] = letters[place]._replace(timed=True)
+    if clause.side is Side.BEFORE:
+        first = letters[places[0]]
+        letters[places[0]] = first._replace(before=tuple(dict.fromkeys((*first.before, one))))
+        return
+    last = letters[-1]
+    if places[-1] < len(letters) - 1:
+        why = "`without … for D after` is written of a part that ends the match"
+        raise NotExpressible(unwritten(why), nodes=[clause.source.node])
+    letters[-1] = last._replace(after=tuple(dict.fromkeys((*last.after, one))))
+    if len({duration for _, duration in letters[-1].after}) > 1:
+        why = "several clauses `for D after` of different durations"
+        raise NotExpressible(unwritten(why), nodes=[clause.source.node])
+
+
+def _require_apart(scenario: Scenario, events: Iterable[Event]) -> None:
+    """Raise `NotExpressible` if one of the events can be one that breaks a clause with a duration."""
+    patterns = [event.pattern for event in events]
+    for clause, _ in scenario.absences:
+        if clause.duration is not None and any(overlaps(one, clause.pattern) for one in patterns):
+            why = "an absent event within a duration that an event of the match can be"
+            raise NotExpressible(unwritten(why), nodes=[clause.source.node])
 
 
 def _relevance(prop: Property, *, several: bool) -> Iterator[tuple[str, str]]:

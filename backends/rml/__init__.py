@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Final
 
+from backends.absences import refuse, without_vacuous
 from backends.rml.reader.deviations import touching
 from backends.rml.reader.event_types import observed
 from backends.rml.reader.monitor import formal, read
@@ -24,8 +25,8 @@ from rvaft.capabilities import (
     Value,
 )
 from rvaft.core.passes import Pass, expand_times, order_ends
-from rvaft.core.property import Condition, Part, Property, Within
-from rvaft.errors import Reason, unwritten
+from rvaft.core.property import Condition, Part, Property, Within, Without
+from rvaft.errors import NotExpressible, Reason, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
@@ -88,9 +89,11 @@ class RmlBackend(RmlCapabilities):
     remark: ClassVar[str] = "// {}\n"
     highlighting: ClassVar[Highlighting] = HIGHLIGHTING
     json_alone: ClassVar[bool] = True  # `not matches` accepts any other value
+    says: ClassVar[frozenset[type[Part]]] = RmlCapabilities.says | {Without}
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the text in RML."""
+        prop = _sayable(prop, semantics)
         if prop.timed:
             prop = without_windows(prop)
             for each in self.passes:
@@ -120,3 +123,13 @@ class RmlBackend(RmlCapabilities):
     def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:
         """Return the titles of the deviations that the text and trace may show."""
         return tuple(deviation.title for deviation in touching(text, trace))
+
+
+def _sayable(prop: Property, semantics: Semantics) -> Property:
+    """Return the property without clauses that every match holds; raises `NotExpressible` for others."""
+    prop = without_vacuous(prop, semantics)
+    refuse(prop, {"duration": unwritten("absent events are written without durations")})
+    if prop.absences and semantics is not Semantics.SCATTERED:
+        why = "absent events are written under `scattered`, and under `strict`, where they are never there"
+        raise NotExpressible(unwritten(why), nodes=[clause.source.node for clause in prop.absences])
+    return prop

@@ -16,7 +16,7 @@ from backends.rml import RmlBackend, RmlCapabilities
 from backends.rml.reader import syntax as s
 from backends.rml.reader.parser import parse
 from rvaft.backend import Highlighting, SpecificationText
-from rvaft.core.property import Property
+from rvaft.core.property import Part, Property
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 
@@ -189,6 +189,7 @@ class RmlPrologBackend(RmlCapabilities):
 }
 """,
     )
+    says: ClassVar[frozenset[type[Part]]] = RmlBackend.says
     form_of: ClassVar[str] = RmlBackend.name
     readable: ClassVar[bool] = False
 

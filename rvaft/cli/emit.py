@@ -26,6 +26,7 @@ _DIALECT: Final = (
 )
 _TO: Final = "A language that `rvaft backends` lists, or dot for a drawing of the automaton."
 
+_MISSING: Final = "For eql: write absent events as `![…]`, which Elasticsearch has and the package eql lacks."
 _CERTIFY: Final = "Compare ltlf, automaton or rml with the tree for every trace, by the verified validator."
 _VERIFIED: Final = "For --certify: this build of the verified monitor.  [default: rvaft-verified on the PATH]"
 
@@ -48,6 +49,7 @@ class _WithSignature(Protocol):
 @options.number("--limit", text="Maximum size, in the unit of the language; for a drawing, in states.")
 @options.mapping_option
 @options.table_options
+@click.option("--missing-events", is_flag=True, help=_MISSING)
 @options.output_option
 def emit_command(
     *,
@@ -58,6 +60,7 @@ def emit_command(
     certify: bool,
     verified: str | None,
     form: str,
+    missing_events: bool,
     output: str | None,
     **chosen: Any,
 ) -> int:
@@ -67,6 +70,10 @@ def emit_command(
     the exit status is 0 if it is, 1 if a trace shows a difference, and 2 if this is not decided.
     """
     options.refuse(verified is not None and not certify, "--verified is for --certify: add it")
+    if missing_events:
+        options.refuse(language != "eql", f"--missing-events is for eql, not for {language}")
+        options.refuse(chosen["mapping"] is not None, "--missing-events and --mapping exclude each other")
+        chosen["mapping"] = {"missing_events": True}
     if language == "dot":
         options.refuse(dialect, "--to dot writes a drawing: omit --dialect")
         options.refuse(signature, "--to dot writes a drawing: omit --signature")

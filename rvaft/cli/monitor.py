@@ -2,7 +2,7 @@
 
 import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path, PurePath
@@ -182,11 +182,13 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         readable = all(one.is_plain for one in traces.sources) and not has_surrogate("".join(logs))  # UTF-8
         if native.works_alone(given) and readable:
             semantics = plans[0].monitors.semantics
-            status = native.run(parts[0], semantics, logs, repeat=given["repeat"], detections=given["detections"])
+            how = {"repeat": given["repeat"], "by": _repeat_by(parts[0], given), "detections": given["detections"]}
+            status = native.run(parts[0], semantics, logs, **how)
             if len(logs) > 1 and status == 0:
                 warn(AFRESH.format(what="nothing was detected"))
             return FAILED if traces.missing.met else status
     _check_traces(given, traces, engine)
+    _check_repetition(given, wholes.values())
     options.require_times(given["clock"], wholes.values())
     if engine is None and native_run is not None and (given["form"] == "text" or given["detections"]):
         engine = native_run.engine(plans[0])
@@ -259,13 +261,26 @@ def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEng
         wrong = not (given["follow"] or traces.live)
         options.refuse(wrong, "--clock needs events that arrive: --follow, or a URL; a finished log takes --complete")
         options.refuse(given["order_by"], "--clock gives the present time, but --order-by holds events back")
-    for option in ("clock", "complete", "repeat_by"):
-        whole = engine is not None and option != "repeat_by"
-        wrong = given[option] and (given["backend"] is not None or given["native"] or whole)
-        omit = "--backend or --native" if option == "repeat_by" else "--backend, --native or --engine"
-        options.refuse(wrong, f"--{option.replace('_', '-')} is for monitors of the engine: omit {omit}")
+    for option in ("clock", "complete"):
+        wrong = given[option] and (given["backend"] is not None or given["native"] or engine is not None)
+        options.refuse(
+            wrong, f"--{option.replace('_', '-')} is for monitors of the engine: omit --backend, --native or --engine"
+        )
     if given["follow"] or traces.live:
         output.unblock()
+
+
+def _repeat_by(tree: RVAFT, given: Mapping[str, Any]) -> str | None:
+    """Return the variable by which the monitor of a tree or part is repeated."""
+    by: str | None = given["repeat_by"]
+    return by or (tree.repeat_by if given["repeat"] else None)
+
+
+def _check_repetition(given: Mapping[str, Any], trees: Iterable[RVAFT]) -> None:
+    """Refuse repetition by a variable where a monitor only starts afresh as a whole."""
+    by = next((by for tree in trees if given["backend"] is not None and (by := _repeat_by(tree, given))), None)
+    named = "--repeat-by" if given["repeat_by"] is not None else f"`repeat by {by};`"
+    options.refuse(by, f"{named} is for monitors of the engine, and --native: omit --backend")
 
 
 def _check_many(given: Mapping[str, Any], branch: int | None) -> None:
@@ -334,7 +349,8 @@ def _native_run(part: RVAFT, semantics: Semantics, given: Mapping[str, Any]) -> 
     key = Key.parse(given["key"]) if given["key"] else None
     try:
         with options.suggesting():
-            return NativeRun(part, key=key, keys=given["max_keys"] or MAX_KEYS, repeat=given["repeat"])
+            by, keys = _repeat_by(part, given), given["max_keys"] or MAX_KEYS
+            return NativeRun(part, key=key, keys=keys, repeat=given["repeat"] or by is not None, by=by)
     except NotExpressible as error:
         error.add_note("omit --native")
         raise

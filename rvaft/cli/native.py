@@ -14,15 +14,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any, BinaryIO, Final
 
-from rvaft.api import translate
 from rvaft.cli import options, warn
-from rvaft.cli.native_run import BACKEND, MatchedLine, MatchExplainer, compiling, refused
+from rvaft.cli.native_run import MatchedLine, MatchExplainer, compiling, refused
 from rvaft.errors import ToolFailed, TraceError
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.stream import detection
 
-ALONE: Final = frozenset({"semantics", "traces", "form", "detections", "repeat", "native", "log_format", "per", "jobs"})
+ALONE: Final = frozenset(
+    {"semantics", "traces", "form", "detections", "repeat", "repeat_by", "native", "log_format", "per", "jobs"}
+)
 """The options of `rvaft monitor` that a program honours by itself, and those that are checked elsewhere."""
 WORKS_WITH: Final = ALONE | {
     *("key", "max_keys", "template", "explain", "cooldown", "execute", "exec_fault", "exec_attack", "strict_json"),
@@ -50,15 +51,18 @@ def _is_given(value: object) -> bool:
     return value not in (None, False, (), "")
 
 
-def run(part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool, detections: bool) -> int:
+def run(
+    part: RVAFT, semantics: Semantics, files: Sequence[str], *, repeat: bool, by: str | None, detections: bool
+) -> int:
     """Run a native monitor over files of JSON Lines, and return the exit status.
 
-    Raises `TraceError`, and the errors of `translate` and of the compiler.
+    It repeats each value of the variable `by` for itself. Raises `TraceError`, and the errors of `translate` and of
+    the compiler.
     """
     language = compiling()
     with options.suggesting():
-        text = translate(part, BACKEND, semantics=semantics).text
-    chosen = [*(["--repeat"] if repeat else []), *(["--detections"] if detections else [])]
+        text = (language if by is None else language.repeating(by)).translate(part, semantics).text
+    chosen = [*(["--repeat"] if repeat or by is not None else []), *(["--detections"] if detections else [])]
     explained = _Explained(part)
     output = sys.stdout.buffer
     with language.program(text, warn) as program:

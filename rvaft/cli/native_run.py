@@ -107,6 +107,9 @@ class Compiling(Protocol):
         fields `apart`. `clock` is the field of times where a tree declares none.
         """
 
+    def repeating(self, by: str) -> Self:
+        """Return a backend whose monitors repeat each value of a variable for itself."""
+
     def translate(self, tree: RVAFT, semantics: Semantics) -> Specification:
         """Return the tree as a text."""
 
@@ -207,12 +210,15 @@ class _Fed(BufferedIOBase):
 class NativeRun:
     """Monitors traces one after the other; `part` is the monitored tree.
 
-    Raises the errors of `translate`; `begin` raises those of the compiler.
+    With `by`, each value of a variable repeats for itself. Raises the errors of `translate`; `begin` raises those of
+    the compiler.
     """
 
-    def __init__(self, part: RVAFT, *, key: Key | None, keys: int, repeat: bool) -> None:
+    def __init__(self, part: RVAFT, *, key: Key | None, keys: int, repeat: bool, by: str | None) -> None:
         fields = () if key is None else tuple(((one.text,), one.path) for one in key.fields)
         self._backend = compiling().keyed(fields)
+        if by is not None:
+            self._backend = self._backend.repeating(by)
         self.keyed = key is not None
         self._part = part
         self._text = self._backend.translate(part, Semantics.SCATTERED).text

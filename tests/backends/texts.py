@@ -70,6 +70,13 @@ def _of_match_recognize(tree: RVAFT, semantics: Semantics) -> bool:
     return semantics is Semantics.SCATTERED and all(clause.side is Side.DURING for _, clause, _ in tree.absences)
 
 
+def _of_rml(tree: RVAFT, semantics: Semantics) -> bool:
+    """Without variables that the clause shares; under `strict` nothing is there."""
+    alone = all(tree.own_variables(clause).issuperset(clause.variables) for _, clause, _ in tree.absences)
+    written = semantics is Semantics.STRICT or (semantics is Semantics.SCATTERED and alone)
+    return written and _without_durations(tree, semantics)
+
+
 def _of_c(tree: RVAFT, semantics: Semantics) -> bool:
     """But `before`, where an event of the match may be the absent one."""
     return all(clause.side is not Side.BEFORE for _, clause, _ in tree.absences)
@@ -86,6 +93,7 @@ ABSENCES: Final[dict[str, Callable[[RVAFT, Semantics], bool]]] = {
     "ltlf": _of_ltlf,
     "match-recognize": _of_match_recognize,
     "mtl": _without_durations,
+    "rml": _of_rml,
     **dict.fromkeys(("kql", "sql", "sql-duckdb", "sql-table", "sql-table-duckdb"), _all),
 }
 """The trees whose absent events a backend must write, if it could write the tree without them."""

@@ -1,6 +1,6 @@
 """Repetition by a variable against one reference for each of its values (definition, 4.9)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from random import Random
 from typing import Any, Final
@@ -43,10 +43,12 @@ def text_of(random: Random) -> str:
     sides = ["", " before", *([" for 2 s after", " for 1 s before"] if timed else [])]
 
     def leaf(name: str) -> str:
-        own = f'{name} on e("{random.choice("abc")}", U, {random.choice(("_", "_", "Y", "1"))})'
+        call = f'{random.choice("eef")}("{random.choice("abc")}"'
+        own = f"{name} on {call}, U, {random.choice(('_', '_', 'Y', '1'))})"
         own += " times 2" if random.random() < 0.15 else ""
         if random.random() < 0.25:
-            own += f' without e("{random.choice("abc")}", {random.choice("U_")}, _){random.choice(sides)}'
+            absent = f'{random.choice("ef")}("{random.choice("abc")}", {random.choice("U_")}, _)'
+            own += f" without {absent}{random.choice(sides)}"
         return f"{own}; "
 
     def gate(name: str, *children: str) -> str:
@@ -62,7 +64,7 @@ def text_of(random: Random) -> str:
     elif len(names) == 4:
         gates = gate("top", "g", "h") + gate("g", *names[:2]) + gate("h", *names[random.choice((1, 2)) :])
     root = "top" if gates else "l0"
-    event = "event e(k, u, v) = { k: k, u: u, v: v }; "
+    event = "event e(k, u, v) = { k: k, u: u, v: v }; event f(k, u, v) = { k: k, w: u, v: v }; "
     return f"semantics scattered; {settings}{event}toplevel {root}; {gates}{''.join(map(leaf, names))}"
 
 
@@ -77,23 +79,32 @@ def trees(random: Random, count: int) -> Iterator[RVAFT]:
         yield tree
 
 
+def events_of(random: Random, count: int) -> list[dict[str, Any]]:
+    clock, events = 0, list[dict[str, Any]]()
+    for _ in range(count):
+        clock += random.choice((0, 1, 1, 2, -1))
+        users = {"u": random.choice(VALUES), "w": random.choice(VALUES)}
+        events.append({"k": random.choice("abc"), **users, "v": random.choice((1, 2)), "t": clock})
+    return events
+
+
+def detections(tree: RVAFT, events: Sequence[Any]) -> list[bool]:
+    """Whether some instance of U detects at each event, by one reference for each value."""
+    apart = [Repetition(Reference(instance(tree, "U", value))) for value in VALUES]
+    return ["⊤" in [one.step(event).symbol for one in apart] for event in events]
+
+
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 9))])
 def test_only_the_detected_value_starts_afresh(seed: int) -> None:
     random, detected = Random(f"repeat by {seed}"), 0
     for tree in trees(random, 60):
         for _ in range(4):
-            clock, events = 0, list[dict[str, Any]]()
-            for _ in range(random.choice((6, 9, 12))):
-                clock += random.choice((0, 1, 1, 2, -1))
-                events.append(
-                    {"k": random.choice("abc"), "u": random.choice(VALUES), "v": random.choice((1, 2)), "t": clock}
-                )
+            events = events_of(random, random.choice((6, 9, 12)))
+            expected = detections(tree, events)
             monitor = rvaft.monitor(tree, repeat_by="U")
-            apart = [Repetition(Reference(instance(tree, "U", value))) for value in VALUES]
-            for event in events:
-                expected = "⊤" if "⊤" in [one.step(event).symbol for one in apart] else "?"
-                assert monitor.step(event).symbol == expected, (rvaft.dumps(tree), events)
-                detected += expected == "⊤"
+            found = [monitor.step(event).symbol for event in events]
+            assert found == ["⊤" if one else "?" for one in expected], (rvaft.dumps(tree), events)
+            detected += sum(expected)
     assert detected
 
 

@@ -52,6 +52,8 @@ def translate(prop: Property, semantics: Semantics, *, limit: int) -> tuple[str,
 
 
 def _property(letters: RmlLetters, semantics: Semantics, limit: int) -> RmlProperty:
+    if letters.prop.absences:
+        return _determinised(letters, semantics, limit)
     composition = Composition(letters, semantics)
     if not composition.possible or semantics is Semantics.CONSECUTIVE:
         return _determinised(letters, semantics, limit)
@@ -62,7 +64,7 @@ def _property(letters: RmlLetters, semantics: Semantics, limit: int) -> RmlPrope
 
 
 def _determinised(letters: RmlLetters, semantics: Semantics, limit: int) -> RmlProperty:
-    scenarios = feasible_scenarios(letters.prop, semantics, limit=limit)
+    scenarios = feasible_scenarios(letters, semantics, limit=limit)
     automaton = Determinised(scenarios, letters, semantics, limit=limit)
     classes = (refined if automaton.cyclic else minimised)(automaton.alternatives)
     main, made = equations(classes, letters, cyclic=automaton.cyclic)

@@ -17,11 +17,12 @@ from backends.rml.writer.event_types import Call
 from backends.rml.writer.letters import RmlLetter, RmlLetters, Where
 from backends.rml.writer.terms import ALL, AND, ANY, MAX_DEPTH, NONE, OR, RmlNames, Written, join, named, then
 from rvaft.core.overlaps import Overlaps, compatible, implies
-from rvaft.core.property import Condition, Property
+from rvaft.core.property import Condition
 from rvaft.core.scenarios import scenarios
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model import patterns
 from rvaft.model.guards import variables
+from rvaft.model.nodes import Side
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits, mask_of, union
@@ -33,23 +34,39 @@ WORK: Final = 50
 
 
 class BitScenario(NamedTuple):
-    """Occurrences, the predecessors of each occurrence, and conditions over variables."""
+    """Occurrences, the predecessors of each occurrence, conditions over variables, and absent events."""
 
     occurrences: int
     before: tuple[tuple[int, int], ...]
     guards: frozenset[Condition]
+    absent: tuple["AbsentEvent", ...] = ()
 
 
-def feasible_scenarios(prop: Property, semantics: Semantics, *, limit: int) -> list[BitScenario]:
+class AbsentEvent(NamedTuple):
+    """An event that must be absent between the first and the last of some occurrences, or `before` them."""
+
+    letter: RmlLetter
+    occurrences: int
+    before: bool
+
+    def breaks(self, done: int) -> bool:
+        """Return whether it breaks a partial match with these occurrences."""
+        begun = bool(self.occurrences & done)
+        return not begun if self.before else begun and bool(self.occurrences & ~done)
+
+
+def feasible_scenarios(letters: RmlLetters, semantics: Semantics, *, limit: int) -> list[BitScenario]:
     """Return the distinct feasible scenarios.
 
     Raises `TooLarge` beyond `limit`, and `TreeError` if there is none, one has no occurrence, or
     one has an unbound guard.
     """
+    prop = letters.prop
     index, root = {event: position for position, event in enumerate(prop.events)}, prop.tree.root
+    minimal = semantics is Semantics.SCATTERED and not prop.absences  # an absent event may be one that is used
     found: dict[BitScenario, None] = {}
     nodes, width = 0, 1 + len(index) // 1000  # larger bit sets are slower
-    for one in scenarios(prop, minimal=semantics is Semantics.SCATTERED, limit=limit):
+    for one in scenarios(prop, minimal=minimal, limit=limit):
         nodes += (
             len(one.kept) + len(prop.parts) // 4
         ) * width  # finding a scenario also costs the size of the property
@@ -57,7 +74,12 @@ def feasible_scenarios(prop: Property, semantics: Semantics, *, limit: int) -> l
             raise TooLarge(f"nodes of scenarios, {WORK} allowed for each scenario", limit=limit)
         number = [index[event] for event in one.events]
         before = ((number[i], mask_of(number[j] for j in bits(one.before[i]))) for i in range(len(number)))
-        found.setdefault(BitScenario(mask_of(number), tuple(before), frozenset(one.conditions)))
+        absent = (
+            AbsentEvent(letter, mask_of(index[event] for event in part), clause.side is Side.BEFORE)
+            for clause, part in one.absences
+            if (letter := letters.absent(clause)) is not None
+        )
+        found.setdefault(BitScenario(mask_of(number), tuple(before), frozenset(one.conditions), tuple(absent)))
     if not found:
         raise TreeError("no scenario is feasible", rule="no-scenario", nodes=[root])
     for scenario in found:
@@ -188,7 +210,14 @@ class Determinised:
     def __init__(self, found: list[BitScenario], letters: RmlLetters, semantics: Semantics, *, limit: int) -> None:
         self._letters, self._tree, self._limit = letters, letters.tree, limit
         self._scattered = semantics is Semantics.SCATTERED
-        self.cyclic = semantics is Semantics.CONSECUTIVE
+        self._anew = semantics is Semantics.CONSECUTIVE
+        """Whether every state includes the empty partial match."""
+        self._absent = [scenario.absent for scenario in found]
+        self._absences = any(self._absent)
+        absent = {one.letter.call.pattern(letters.tree) for some in self._absent for one in some}
+        self._apart = not any(compatible(event.pattern, one) for event in letters.prop.events for one in absent)
+        """No event of a match can be an absent one."""
+        self.cyclic = self._anew or self._absences
         self._size = self._work = 0
         self._known: dict[int, frozenset[str]] = {}
         names = RmlNames()
@@ -223,28 +252,30 @@ class Determinised:
 
     def _alternatives(self, state: MatchState) -> Iterator[RmlAlternative]:
         moves, detecting = self._moves(state)
-        if self._scattered:
+        breaks = self._breaks(state)
+        if self._scattered and not breaks:
             moves = {
                 letter: partials
                 for letter, partials in moves.items()
                 if letter in detecting or self._merged(state, [partials]) != state.partials
             }
-        made = list(moves)
+        made = list(dict.fromkeys((*moves, *breaks)))
         these = mask_of(i for i, letter in enumerate(made) if letter in detecting)
         for letters, fits in combinations(self._tree, made, these, state.bound, self._count):
             fitting = [made[i] for i in bits(fits)]
             target = ACCEPT
             if not fits & these:
                 bound = state.bound.union(*(letter.call.registers for letter in letters))
-                after = MatchState(self._merged(state, [moves[letter] for letter in fitting]), bound)
-                if self._scattered and after == state:
+                broken = [breaks[letter] for letter in fitting if letter in breaks]
+                after = MatchState(self._merged(state, [moves.get(letter, {}) for letter in fitting], broken), bound)
+                if self._scattered and not breaks and after == state:
                     continue
                 if after not in self._number:
                     self._number[after] = len(self._number)
                     self._waiting.append(after)
-                target = self._number[after]
+                target = STAY if self._scattered and after == state else self._number[after]
             yield RmlAlternative(letters, fits, target)
-        if self._scattered or self.cyclic:
+        if self._scattered or self._anew:
             yield RmlAlternative((), 0, STAY if self._scattered else 0)
 
     def _count(self) -> None:
@@ -257,13 +288,29 @@ class Determinised:
         if self._work > WORK * self._limit:
             raise TooLarge(f"steps of partial matches, {WORK} allowed for each alternative", limit=self._limit)
 
-    def _merged(self, state: MatchState, moves: Iterable[Partials]) -> frozenset[tuple[Partial, int]]:
-        """Return the partial matches after the moves.
+    def _breaks(self, state: MatchState) -> dict[RmlLetter, dict[Partial, int]]:
+        """Return the partial matches that absent events end."""
+        found: dict[RmlLetter, dict[Partial, int]] = {}
+        for partial, mask in sorted(state.partials) if self._absences else ():
+            for number in bits(mask):
+                self._spend(1 + len(self._absent[number]))
+                for one in self._absent[number]:
+                    if one.breaks(partial[0]):
+                        found.setdefault(one.letter, defaultdict(int))[partial] |= 1 << number
+        return found
 
-        `scattered` drops a partial match that another one of the same scenario includes.
+    def _merged(
+        self, state: MatchState, moves: Iterable[Partials], broken: Iterable[Partials] = ()
+    ) -> frozenset[tuple[Partial, int]]:
+        """Return the partial matches after the moves, without those that an absent event breaks.
+
+        `scattered` drops a partial match that another one of the same scenario includes, and outlasts.
         """
         merged: dict[Partial, int] = defaultdict(int, state.partials if self._scattered else ())
-        merged.update(self._start if self.cyclic else {})
+        merged.update(self._start if self._anew else {})
+        for partials in broken:
+            for partial, mask in partials.items():
+                merged[partial] &= ~mask
         for partials in moves:
             for partial, mask in partials.items():
                 merged[partial] |= mask
@@ -275,12 +322,27 @@ class Determinised:
             self._spend(len(found) // 10)  # much cheaper than a step of a match
             for (larger, _), others in found.items():
                 if not partial[0] & ~larger:
-                    left &= ~others
+                    same = left & others
+                    left &= ~(self._outlasting(same, larger, partial[0]) if same and self._absences else same)
                     if not left:
                         break
             if left:
                 found[partial] = left
         return frozenset(found.items())
+
+    def _outlasting(self, scenarios: int, larger: int, smaller: int) -> int:
+        """Return the scenarios in which absent events that break the larger match, now or later, break the smaller."""
+        if not self._apart:
+            return 0
+
+        def breaks_both(one: AbsentEvent) -> bool:
+            return one.before or not one.occurrences & larger or one.occurrences & smaller != 0
+
+        return mask_of(
+            number
+            for number in bits(scenarios)
+            if all(breaks_both(one) or not one.occurrences & ~larger for one in self._absent[number])
+        )
 
     def _moves(self, state: MatchState) -> tuple[dict[RmlLetter, dict[Partial, int]], set[RmlLetter]]:
         self._spend(len(state.partials) * len(self._ready))

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 from backends.rml.writer.event_types import NEVER, Call, Inexpressible, RmlTypes, is_register, when_true
 from backends.rml.writer.terms import Written, named
-from rvaft.core.property import Condition, Property
+from rvaft.core.property import Condition, Property, Without
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, conjuncts, renamed
 from rvaft.model.guards import variables as guard_variables
@@ -82,6 +82,7 @@ class RmlLetters:
         self._templates = [_template(on, names, remembered) for on, names in zip(self._ons, used, strict=True)]
         self._rank = {name: position for position, name in enumerate(prop.tree.order)}
         self._nodes: dict[Call, str] = {}
+        self._absent: dict[Call, str] = {}
         self._guards: dict[Guard, tuple[str, tuple[Guard, ...]]] = {}
         self._texts: dict[RmlLetter, tuple[str, ...]] = {}
 
@@ -124,12 +125,31 @@ class RmlLetters:
             instances.update((guard,) if required else ())
         return RmlLetter(call, frozenset(instances))
 
+    def absent(self, clause: Without) -> RmlLetter | None:
+        """Return the letter of the events that break a clause, or None if there are none.
+
+        Raises `NotExpressible` for one that shares variables with the tree.
+        """
+        node = clause.source.node
+        stated = self.tree.nodes[node].without[clause.number - 1]
+        if clause.shared:
+            why = "an absent event that shares variables with the tree, of which RML tracks one value"
+            raise NotExpressible(unwritten(why), nodes=[node])
+        call, guard = closed(stated.on, stated.when)
+        self._absent.setdefault(call, f"{node}_absent")
+        if guard is None:
+            return RmlLetter(call)
+        required = conjuncts(self.condition(guard, node))
+        self._guards.setdefault(guard, (node, required))
+        return None if NEVER in required else RmlLetter(call, frozenset({guard} if required else ()))
+
     def texts(self, letter: RmlLetter) -> tuple[str, ...]:
         """Return the applied event types that an event must all match; the first one binds."""
         if letter not in self._texts:
             guards = sorted((self._guards[g] for g in letter.guards), key=lambda g: (self._rank[g[0]], repr(g[1])))
             conditions = [(condition, name) for name, found in guards for condition in found]
-            self._texts[letter] = tuple(self.types.observed(letter.call, conditions, self._nodes[letter.call]))
+            name = self._nodes.get(letter.call) or self._absent[letter.call]
+            self._texts[letter] = tuple(self.types.observed(letter.call, conditions, name))
         return self._texts[letter]
 
     def all_texts(self, letters: Iterable[RmlLetter]) -> list[Written]:

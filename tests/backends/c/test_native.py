@@ -119,6 +119,7 @@ def keyed_log(random: Random, count: int) -> bytes:
         ("--repeat", "--cooldown", "3 s"),
         ("--repeat", "--format", "jsonl", "--strict-json"),
         ("--repeat", "--template", "{event} {line} {key} {a} {U}"),
+        ("--repeat-by", "U"),
     ],
 )
 @pytest.mark.parametrize("given", ["file", "stream", pytest.param("compressed", marks=pytest.mark.ci)])

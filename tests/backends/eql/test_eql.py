@@ -1,15 +1,18 @@
 """Texts, refusals, and texts that people write; agreement with the reference is tested with all backends."""
 
+from contextlib import suppress
 from pathlib import Path
+from random import Random
 
 import pytest
 
 from backends.eql import EqlBackend
 from backends.eql.reader import compiled
-from rvaft import Semantics, TooLarge, ToolFailed, TraceError, loads
+from rvaft import NotExpressible, OptionError, Semantics, TooLarge, ToolFailed, TraceError, loads
+from rvaft.errors import Cause
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
-from tests.backends.texts import signs
+from tests.backends.texts import agreeing, signs
 from tests.cli.runs import run
 from tests.tables import rows
 
@@ -138,3 +141,101 @@ def test_a_rule_is_held_against_a_tree(tmp_path: Path) -> None:
 def test_what_the_engine_cannot_run() -> None:
     with pytest.raises(ToolFailed, match="event 2: TypeError"):
         compiled('any where substring(a, b) == "x"').first_detections([[{}, {"a": "x", "b": 0.5}]])
+
+
+MISSING = BACKEND.mapped({"missing_events": True})
+NEW = "time t as s; event e(k, u) = { k: k, u: u }; event f(k, w) = { k: k, w: w }; "
+
+
+@pytest.mark.parametrize(("text", "expected"), rows(__file__, "missing.txt"))
+def test_missing_events(text: str, expected: list[str] | str) -> None:
+    made = loads(text)
+    if isinstance(expected, str):
+        with pytest.raises(NotExpressible, match=expected) as raised:
+            MISSING.translate(made, Semantics.SCATTERED)
+        assert raised.value.cause is Cause.WRITER
+    else:
+        assert MISSING.translate(made, Semantics.SCATTERED).text.splitlines()[1:] == expected
+    with pytest.raises(NotExpressible):
+        BACKEND.translate(made, Semantics.SCATTERED)
+
+
+def new_tree(random: Random) -> str:
+    """A tree of single events, some of which need that others did not come for a time."""
+
+    def without() -> str:
+        own, when = random.choice(
+            (("U", ""), ("_", ""), ('"x"', ""), ("V", " when V == 1"), ("U", " when U != 2"), ("V", " when V > 1"))
+        )
+        call = f'{random.choice("ef")}("{random.choice("abcd")}", {own}){when}'
+        return f" without {call} for {random.choice(('2 s', '1 s', '1500 ms'))} before"
+
+    names = ("l0", "l1", "l2")[: random.choice((1, 2, 3))]
+    leaves = [
+        f'{name} on {random.choice("ef")}("{random.choice("abc")}", U){"".join(without() for _ in range(count))}; '
+        for name in names
+        for count in [random.choice((0, 1, 1, 1, 2))]
+    ]
+    late = random.choice(("", " late 0 s", " late 2 s"))
+    gate = f"top or {' '.join(names)}; " if len(names) > 1 else "top and l0; "
+    return f"{NEW.replace('as s', f'as s{late}')}toplevel top; {gate}{''.join(leaves)}"
+
+
+def new_trace(random: Random, count: int) -> list[Json]:
+    clock, made = 0.0, list[Json]()
+    for _ in range(count):
+        clock += random.choice((0, 0.5, 1, 1, 2, 2.5, 0.0004))
+        event: dict[str, Json] = {"k": random.choice("abcdx"), "w": random.choice((1, 2, "x"))}
+        event |= {"u": random.choice((1, 2, 3, "x"))} if random.random() < 0.9 else {}
+        made.append(event | ({"t": clock} if random.random() < 0.9 else {}))
+    return made
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))])
+def test_missing_events_of_random_trees(seed: int) -> None:
+    random, compared, left = Random(f"missing {seed}"), 0, 100 if seed else 25
+    while left:
+        made = loads(new_tree(random))
+        with suppress(NotExpressible):
+            if "![" in MISSING.translate(made, Semantics.SCATTERED).text:
+                traces = [new_trace(random, count) for count in (3, 5, 8, 10)]
+                compared += agreeing(MISSING, made, Semantics.SCATTERED, traces)
+                left -= 1
+    assert compared > 40
+
+
+FIRST_SEEN = f'{NEW}top on e("a", U) without e("b", U) for 2 s before;'
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("maxspan=2s", "maxspan=3s"), ("maxspan=2s", "maxspan=1s"), ('!"b"', '"c"'), ("sequence by u", "sequence")],
+)
+def test_a_fault_in_a_missing_event_is_found(old: str, new: str) -> None:
+    old = old.replace("!", "")
+    text, random = MISSING.translate(loads(FIRST_SEEN), Semantics.SCATTERED).text, Random(f"{old} {new}")
+    assert old in text
+    monitor = compiled(text.replace(old, new))
+    traces = [one for one in (new_trace(random, 12) for _ in range(200)) if not monitor.left_open(one)]
+    made = loads(FIRST_SEEN)
+    wanted = [signs(Reference(made, Semantics.SCATTERED), one).find("T") + 1 or None for one in traces]
+    assert monitor.first_detections(traces) != wanted
+
+
+@pytest.mark.parametrize(
+    ("events", "told"), [("1 0.1, 2 0.9", False), ("1 0.9, 2 1", True), ("2 0, 2 0", True), ("2 1, 2 0", False)]
+)
+def test_a_missing_event_in_the_same_millisecond_is_left_open(events: str, *, told: bool) -> None:
+    """An event is its value of `a`, and its time in milliseconds."""
+    queries = compiled("// time t as ms\nsequence with maxspan=1s ![any where a == 1] [any where a == 2]")
+    pairs = (one.split() for one in events.split(", "))
+    assert (not queries.left_open([{"a": int(value), "t": float(time)} for value, time in pairs])) == told
+
+
+def test_the_option_for_missing_events(tmp_path: Path) -> None:
+    (tree := tmp_path / "new.rvaft").write_text(f"semantics scattered; {FIRST_SEEN}", encoding="utf-8")
+    assert "![any where" in run("emit", tree, "--to", "eql", "--missing-events").stdout
+    assert run("emit", tree, "--to", "eql").exit_code == 2
+    assert "--missing-events is for eql" in run("emit", tree, "--to", "sql", "--missing-events").stderr
+    with pytest.raises(OptionError, match="no other mapping"):
+        BACKEND.mapped({"missing_events": 1})

@@ -74,6 +74,117 @@ def test_text_of_windows(text: str, time: str, expected: str) -> None:
     assert (lines[1], lines[-1]) == (time, expected)
 
 
+ABSENT = "time t as s; event e(k, n) = { event: k, n: n }; "
+LOST = f'{ABSENT}top sand a b; a on e("a", _); b on e("b", _) without e("c", V) when V > 1 for 2 s after;'
+QUIET = f'{ABSENT}top sand a b without e("c", _) for 2 s before; a on e("a", _); b on e("b", _);'
+
+
+WORDS = [
+    (LOST, "a0 b1 x3 x3.5", 4),
+    (LOST, "a0 b1 c3 x3.5 b4 c9", 6),
+    (LOST, "a0 b1 c1 x3.5", None),
+    (LOST, "a0 b1 d3 c x4", 5),
+    (LOST, "a0 b x4 x9", None),
+    (LOST, "a0 b1 b2 x3.5", 4),
+    (LOST, "a0 b1 c2 b2 x4 x4.5", 6),
+    (QUIET, "c0 a2 b3", None),
+    (QUIET, "c0 a2.5 b3", 3),
+    (QUIET, "c a1 b3", 3),
+    (QUIET, "a1 c1 b3", 3),
+    (QUIET, "c1 a1 b3 a3.5 b4", 5),
+    (QUIET, "a1 b a4 b4", 4),
+    (QUIET, "a b1", None),
+    (LOST, "a0 b1 x2.5 c2.6 x9", None),
+    (LOST, "a0 b1 x x3.5", 4),
+]
+"""A tree, events with their times, and the number of the detection; `d` is `c` with the number 1, the others have 2."""
+
+
+def timed_word(word: str) -> list[Json]:
+    made: list[Json] = []
+    for one in word.split():
+        event = {"event": one[0].replace("d", "c"), "n": 1 if one[0] == "d" else 2}
+        made.append(event | ({"t": float(one[1:])} if one[1:] else {}))
+    return made
+
+
+@pytest.mark.parametrize(("text", "word", "number"), WORDS)
+def test_absence_within_a_duration(text: str, word: str, number: int | None) -> None:
+    trace, monitor = timed_word(word), BACKEND.read(BACKEND.translate(loads(text), SCATTERED).text)
+    assert monitor.first_detections([trace]) == [number]
+    assert first(loads(text), SCATTERED, trace) == number
+
+
+def absent_tree(random: Random) -> str:
+    """A tree of one to three events with absent events, some of them within a duration."""
+
+    def without() -> str:
+        own, when = random.choice((("_", ""), ("_", ""), ("V", " when V > 1")))
+        side = random.choice(
+            (" for 2 s after", " for 1 s after", " for 1.5 s before", " for 2 s before", "", " before")
+        )
+        absent = f' without e("{random.choice("cde")}", {own}){when}{side}'
+        return random.choice(("", absent))
+
+    def gate(name: str, children: str) -> str:
+        return f"{name} {random.choice(('and', 'sand', 'or'))} {children}{without()}; "
+
+    leaves = [
+        f'l{number} on e("{random.choice("abcd")}", _){without()}; ' for number in range(random.choice((1, 2, 3)))
+    ]
+    gates = {1: "top and l0; ", 2: gate("top", "l0 l1"), 3: gate("top", "g l2") + gate("g", "l0 l1")}
+    late = random.choice(("", " late 0 s"))
+    return f"{ABSENT.replace('as s', f'as s{late}')}toplevel top; {gates[len(leaves)]}{''.join(leaves)}"
+
+
+def absent_trace(random: Random, count: int) -> list[Json]:
+    clock, made = 0.0, list[Json]()
+    for _ in range(count):
+        clock += random.choice((0, 0.5, 1, 1, 2, 2.5, 3))
+        event = {"event": random.choice("abcdex"), "n": random.choice((1, 2, 3))}
+        made.append(event | ({"t": clock} if random.random() < 0.85 else {}))
+    return made
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))])
+def test_absence_within_a_duration_in_random_trees(seed: int) -> None:
+    random, compared, detected, left = Random(f"absent {seed}"), 0, 0, 120 if seed else 8
+    while left:
+        text = absent_tree(random)
+        if " for " not in text:
+            continue
+        try:
+            made, semantics = loads(text), random.choice([*Semantics])
+            monitor = BACKEND.translate(made, semantics).monitor()
+        except RvaftError:
+            continue
+        left -= 1
+        assert isinstance(monitor, DetectionMonitor)
+        traces = [absent_trace(random, count) for count in (4, 7, 10)]
+        for trace, found in zip(traces, monitor.first_detections(traces), strict=True):
+            assert found == first(made, semantics, trace), f"{semantics}\n{text}\n{trace}"
+            compared, detected = compared + 1, detected + (found is not None)
+    assert compared / 20 < detected < compared
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("not once[0:2]", "not once[0:3]"),
+        ("not once[0:2]", "not once[0:1]"),
+        (" and not pre((not", " and pre((not"),
+        ("once[0:1]({p2: true}) and pre", "pre"),
+        ("{p3: true}) and once[0:1]({p3: true})", "{p3: true})"),
+        ("once[0:1]({p2: true} or not {p2: true}) and ", ""),
+    ],
+)
+def test_a_fault_in_a_formula_is_found(old: str, new: str) -> None:
+    text = BACKEND.translate(loads(LOST), SCATTERED).text
+    assert old in text
+    words, numbers = zip(*((word, number) for tree, word, number in WORDS if tree == LOST), strict=True)
+    assert BACKEND.read(text.replace(old, new)).first_detections([*map(timed_word, words)]) != [*numbers]
+
+
 @pytest.mark.parametrize(("text", "semantics", "reason"), rows(__file__, "windows_refused.txt"))
 def test_windows_that_are_not_written(text: str, semantics: str, reason: str) -> None:
     """This claims nothing of the language; the form for R2U2 has no windows."""

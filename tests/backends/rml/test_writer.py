@@ -1,5 +1,6 @@
 """The texts are pinned; what some trees mean that only this language finds hard; what is refused."""
 
+from itertools import product
 from random import Random
 
 import pytest
@@ -33,6 +34,52 @@ def test_each_gate(gate: str, strict: str, scattered: str) -> None:
     body = strict.removeprefix("Main = ").removesuffix(";")
     assert equations(f"top {gate};", "projected") == f"Main = relevant >> ({body});"
     assert equations(f"top {gate};", "scattered") == scattered
+
+
+ABSENT = 'event e(n, u) = { event: n, u: u }; a on e("a", _); b on e("b", _); toplevel top; top sand a b without '
+ABSENCES = [
+    ('e("c", _);', r"S1 = (a S2) \/ (any S1); S2 = (b all) \/ (top_absent S1) \/ (any S2);"),
+    ('e("c", _) before;', r"S1 = (a S2) \/ (top_absent S3) \/ (any S1); S2 = (b all) \/ (any S2); S3 = any S3;"),
+    ('e("c", V) when V > 1;', r"S1 = (a S2) \/ (any S1); S2 = (b all) \/ (top_absent_top S1) \/ (any S2);"),
+    ('e("a", _);', r"S1 = (a S2) \/ (any S1); S2 = (b all) \/ (any S2);"),
+]
+"""Absent events between `a` and `b`, or before them, and the equations."""
+
+
+def absent_words() -> list[list[Json]]:
+    """Words of four letters, of which `d` is a `c` with a greater number."""
+    return [
+        [{"event": "c", "u": 2} if letter == "d" else {"event": letter, "u": 1} for letter in word]
+        for word in product("abcdx", repeat=4)
+    ]
+
+
+@pytest.mark.parametrize(("clause", "written"), ABSENCES)
+def test_absent_events(clause: str, written: str) -> None:
+    made, words = loads(ABSENT + clause), absent_words()
+    text = RML.translate(made, Semantics.SCATTERED).text
+    wanted = [[*Reference(made, Semantics.SCATTERED).run(word)] for word in words]
+    assert [[*RML.read(text).run(word)] for word in words] == wanted
+    assert text.partition("Main = ")[2].split() == ["S1;", *written.split()]
+
+
+@pytest.mark.parametrize(
+    ("clause", "old", "new"),
+    [
+        ('e("c", _);', r"(top_absent S1) \/ ", ""),
+        ('e("c", _);', "(top_absent S1)", "(top_absent S2)"),
+        ('e("c", _);', "e('c', _)", "e('d', _)"),
+        ('e("c", _) before;', "(top_absent S3)", "(top_absent S1)"),
+        ('e("c", _) before;', r"(b all) \/ (any S2)", r"(b all) \/ (top_absent S3) \/ (any S2)"),
+        ('e("c", V) when V > 1;', "top_absent_top S1", "top_absent_top S2"),
+    ],
+)
+def test_a_fault_in_absent_events_is_found(clause: str, old: str, new: str) -> None:
+    made, words = loads(ABSENT + clause), absent_words()
+    text = RML.translate(made, Semantics.SCATTERED).text
+    assert old in text
+    wanted = [[*Reference(made, Semantics.SCATTERED).run(word)] for word in words]
+    assert [[*RML.read(text.replace(old, new)).run(word)] for word in words] != wanted
 
 
 @pytest.mark.parametrize(("why", "described", "expected"), rows(__file__, "equations.txt"))

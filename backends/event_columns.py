@@ -27,7 +27,7 @@ from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import guard_text, pattern_text, time_text
 from rvaft.model.guards import Guard, Operation, Operator
 from rvaft.model.patterns import Literal, Pattern
-from rvaft.model.values import Json, is_finite, is_number
+from rvaft.model.values import EXACT_INTEGERS, Json, is_finite, is_number
 
 ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
 EXACT: Final = 2**46
@@ -208,7 +208,7 @@ def require_exact_sums(*terms: Guard, time: bool) -> None:
                 return unit
 
     unit = LONGEST - 1 if time else EXACT - 1
-    if max(map(reach, terms)) >= (2**62 if time else 2**53):
+    if max(map(reach, terms)) >= (2**62 if time else EXACT_INTEGERS):
         raise Unsayable("its sums are too large to be exact in the language")
 
 

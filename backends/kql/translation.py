@@ -37,7 +37,7 @@ from rvaft.model.event_time import UNITS
 from rvaft.model.guards import COMPARISONS, UNDEFINED, Guard, Operation, Operator, conjuncts, value, variables
 from rvaft.model.nodes import Assumption, Side, ValueType
 from rvaft.model.patterns import Literal, Pattern, Variable, rigid_variables
-from rvaft.model.values import has_surrogate
+from rvaft.model.values import EXACT_INTEGERS, has_surrogate
 
 EVENTS: Final = 20
 """Maximum number of events of a scenario: each is a join."""
@@ -60,7 +60,6 @@ _TICK: Final = 100
 """Nanoseconds: the resolution of a datetime."""
 _NUMBERS: Final = frozenset({ValueType.INTEGER, ValueType.NUMBER})
 _KEYS: Final = frozenset({ValueType.TEXT, ValueType.INTEGER})
-_EXACT: Final = 2**53
 _TESTS: Final = {one: f"{one.value}_cs" for one in (Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS)}
 _SIGNS: Final = {"*": ".*", "?": "."}
 
@@ -624,7 +623,7 @@ class KqlQuery:
 
     def _variable(self, path: Path, column: str) -> _Term:
         exact = Assumption.EXACT in self.prop.assumes
-        return _Term(self.types[path], column, _EXACT - 1 if exact else 2**63)
+        return _Term(self.types[path], column, EXACT_INTEGERS - 1 if exact else 2**63)
 
     @staticmethod
     def _literal(constant: object) -> _Term:
@@ -646,7 +645,7 @@ class KqlQuery:
             if {left.type, right.type} != _NUMBERS:
                 raise NotExpressible(unwritten(f"KQL does not compare {left.type} with {right.type}"))
             whole, other = (left, right) if left.type is ValueType.INTEGER else (right, left)
-            if whole.most > _EXACT and not other.constant:
+            if whole.most > EXACT_INTEGERS and not other.constant:
                 raise NotExpressible(unwritten("KQL rounds integers that it compares with doubles: `assume exact;`"))
         return left.text, right.text
 

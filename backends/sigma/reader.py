@@ -15,7 +15,7 @@ from rvaft.errors import LanguageError, TraceError, installed
 from rvaft.language.parser import parse_time
 from rvaft.model.event_time import EventTime
 from rvaft.model.expressions import time_text
-from rvaft.model.values import Json, at, equal
+from rvaft.model.values import EXACT_INTEGERS, Json, at, equal
 from rvaft.monitors import DetectionMonitor
 
 _LAST: Final = 2**32
@@ -177,7 +177,7 @@ def _stored(value: Json) -> str | int | float | None:
     if isinstance(value, bool | Mapping | list):
         return json.dumps(_numbered(value), sort_keys=True)
     number: int | float = value
-    if abs(number) < 2**53:
+    if abs(number) < EXACT_INTEGERS:
         return int(number) if number == int(number) else number  # whole numbers are stored as integers
     if isinstance(number, float):
         return number

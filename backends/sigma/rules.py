@@ -26,7 +26,7 @@ from rvaft.model.assumptions import Declared
 from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, Sort
 from rvaft.model.nodes import ValueType
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.values import NUMBER, Json
+from rvaft.model.values import EXACT_INTEGERS, NUMBER, Json
 
 Selection: TypeAlias = dict[str, Any]
 """The tests of fields: a field with modifiers, and its value or values."""
@@ -114,7 +114,7 @@ class EventRule:
                 if ODD.search(value) or (type_ is not ValueType.TEXT and _is_ambiguous(value)):
                     raise NotExpressible(unwritten("Sigma has no types, and confuses the string with another value"))
                 return f"{field}{self._cased}", escaped(value)
-            case int() | float() if abs(value) < 2**53 and "e" not in repr(value):
+            case int() | float() if abs(value) < EXACT_INTEGERS and "e" not in repr(value):
                 return field, value
             case _:
                 raise NotExpressible(unwritten(_UNTYPED))

@@ -19,8 +19,8 @@ from backends.sql.dialects import identifier, literal
 from backends.tables import Path as Place
 from rvaft.core.classifier import Scope
 from rvaft.errors import TraceError
-from rvaft.model.assumptions import EXACT
 from rvaft.model.nodes import ValueType
+from rvaft.model.values import EXACT_INTEGERS
 from rvaft.readers.csv_table import CsvReader, delimiter
 from rvaft.readers.json_lines import BLANK, NonFiniteEvent, event_on
 from rvaft.readers.log import BOM, MAX_LINE, Log, lines_of
@@ -56,7 +56,7 @@ def _beyond(number: str, kind: ValueType) -> str:
     if kind is ValueType.INTEGER:
         found += f" OR ({double} = floor({double}) AND TRY_CAST({number} AS BIGINT) IS NULL)"
     if kind is ValueType.NUMBER:
-        found += f" OR abs({double}) >= {EXACT}"
+        found += f" OR abs({double}) >= {EXACT_INTEGERS}"
     return found
 
 

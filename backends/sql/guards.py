@@ -13,11 +13,11 @@ from backends.sql.dialects import Dialect
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import ARITHMETIC, COMPARISONS, UNDEFINED, Guard, Operation, Operator, value, variables
 from rvaft.model.patterns import Literal, Variable
+from rvaft.model.values import EXACT_INTEGERS
 
 _NULL: Final = "NULL"
 _SIGNS: Final = {Operator.EQ: "=", Operator.NE: "<>", Operator.NEGATE: "-"}
 FACETS: Final = ("whole", "real", "text", "truth", "null", "key")
-_EXACT: Final = 2**53
 _FROM_TERMS: Final = COMPARISONS | {Operator.IN, Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS}
 """Operators that yield Booleans from other types."""
 _SIMPLE: Final = re.compile(r"[\w.]+|\(-[\w.]+\)")
@@ -74,7 +74,7 @@ class Guards:
                     reason = f"{value} is an integer of more than 64 bits"
                     raise NotExpressible(unwritten(reason))
                 number = self.dialect.number(value)
-                known = value if abs(value) < _EXACT else None
+                known = value if abs(value) < EXACT_INTEGERS else None
                 if isinstance(value, int):
                     return SqlTerm(whole=number, total=True, constant=known, plain=True)
                 return SqlTerm(real=number, total=True, constant=known, plain=True)

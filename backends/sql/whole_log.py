@@ -24,12 +24,13 @@ from rvaft.backend import SpecificationText
 from rvaft.core.classifier import Scope, literals_of
 from rvaft.core.property import Property
 from rvaft.errors import NotExpressible, RvaftError, ToolFailed, unwritten
-from rvaft.model.assumptions import EXACT, AssumptionCheck, places, used_events
+from rvaft.model.assumptions import AssumptionCheck, places, used_events
 from rvaft.model.event_time import UNITS, EventTime, TimeFormat
 from rvaft.model.guards import Guard, Operation, Operator, walk
 from rvaft.model.nodes import Assumption, Side, ValueType
 from rvaft.model.patterns import Literal, Pattern, Variable
 from rvaft.model.tree import RVAFT
+from rvaft.model.values import EXACT_INTEGERS
 from rvaft.model.verdict import Semantics
 from rvaft.readers.log import LogReader
 from rvaft.stream.plan import MonitoringPlan
@@ -149,7 +150,7 @@ class DuckDbEngine(QueryEngine):
                 found.append(f"({' AND '.join([*fits, ''])}({' OR '.join(lacks)}))")
         if Assumption.EXACT in tree.assumes:
             numbers = [one.name for one in self.columns if one.kind in (ValueType.INTEGER, ValueType.NUMBER)]
-            found += [f"abs({name}) >= {EXACT}" for name in numbers]
+            found += [f"abs({name}) >= {EXACT_INTEGERS}" for name in numbers]
         return " OR ".join(found) or "false"
 
     def keys(self) -> Iterator[str]:

@@ -10,10 +10,9 @@ from cross_check.generate.traces import WILD, Manner, detecting, is_relevant, no
 from cross_check.generate.values import COMMON, EventFields, LogValues, Path, around, interesting_values, places, put
 from rvaft.engine import Engine
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json, equal, is_number
+from rvaft.model.values import EXACT_INTEGERS, Json, equal, is_number
 from rvaft.model.verdict import Semantics, Verdict
 
-_EXACT: Final = 2**53
 _CARELESS: Final = 0.3
 _WAYS: Final = 12
 
@@ -185,7 +184,7 @@ def _look_alikes(value: Json) -> list[Json]:
 
 
 def _other_number(_: Path, value: Json) -> list[Json]:
-    if not is_number(value) or abs(value) >= _EXACT or value != int(value):
+    if not is_number(value) or abs(value) >= EXACT_INTEGERS or value != int(value):
         return []
     return [float(value) if isinstance(value, int) else int(value)]
 

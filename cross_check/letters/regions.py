@@ -27,7 +27,7 @@ from rvaft.model.guards import (
     walk,
 )
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, Variable, substitute
-from rvaft.model.values import Json, Scalar, is_number, key
+from rvaft.model.values import EXACT_INTEGERS, Json, Scalar, is_number, key
 
 # The constants at which a guard's truth value can change, and the values that it compares. Between
 # neighbouring constants, a comparison of a variable with a constant is invariant. If the variable
@@ -38,7 +38,6 @@ SEVERAL: Final = "a guard has arithmetic over several values"
 BEYOND: Final = "a guard has an operation without known bounds"
 
 _MODERATE: Final = 2**64
-_EXACT: Final = 2**53
 _SMALL: Final = 4
 """Largest integer whose products are monotone without bounds."""
 _BITS: Final = 64
@@ -175,11 +174,11 @@ def _is_monotone(guard: Guard, limit: Scalar) -> bool:
         whole = size == int(size)
         match guard.operator:
             case Operator.ADD | Operator.SUB:
-                if whole and size > _EXACT:
+                if whole and size > EXACT_INTEGERS:
                     return False
                 reach += size
             case Operator.MUL:
-                if whole and size > _SMALL and reach > _EXACT:
+                if whole and size > _SMALL and reach > EXACT_INTEGERS:
                     return False
                 reach /= size
             case Operator.DIV:

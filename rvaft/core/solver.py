@@ -32,7 +32,7 @@ from rvaft.model.guards import (
     walk,
 )
 from rvaft.model.patterns import Binding, Literal, Variable
-from rvaft.model.values import Json, Scalar, is_number, key
+from rvaft.model.values import EXACT_INTEGERS, Json, Scalar, is_number, key
 from rvaft.support.bits import bits
 
 
@@ -268,7 +268,6 @@ def _sort(constant: Scalar) -> Sort:
     return Sort.NULL if constant is None else Sort.TRUTH
 
 
-_EXACT: Final = 2**53
 _DEGREE: Final = 4
 _CALCULATED: Final[dict[Operator, Callable[..., Any]]] = {
     Operator.ADD: python.add,
@@ -297,7 +296,7 @@ def _survives_rounding(comparison: GuardComparison) -> bool:
     """
 
     def representable(number: object) -> bool:
-        return isinstance(number, float) or (type(number) is int and abs(number) <= _EXACT)
+        return isinstance(number, float) or (type(number) is int and abs(number) <= EXACT_INTEGERS)
 
     operator, left, right = comparison
     if not isinstance(left, Operation) and not isinstance(right, Operation):
@@ -523,7 +522,7 @@ def _solved(side: Guard, name: str, goal: Json, binding: Binding) -> Iterator[Js
 
 def _calculated(operator: Operator, *operands: Json) -> Json:
     found = value(Operation(operator, tuple(map(Literal, operands))), {})
-    return int(found) if isinstance(found, float) and found.is_integer() and abs(found) < _EXACT else found
+    return int(found) if isinstance(found, float) and found.is_integer() and abs(found) < EXACT_INTEGERS else found
 
 
 def _known(guard: Guard, binding: Binding) -> Json:

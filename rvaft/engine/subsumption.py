@@ -60,7 +60,7 @@ from rvaft.engine.partial_matches import Matching
 from rvaft.model.guards import ORDERINGS, Guard, Operation, Operator, variables, walk
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import Literal, Variable
-from rvaft.model.values import Json, exact, is_number, key
+from rvaft.model.values import EXACT_INTEGERS, Json, exact, is_number, key
 
 
 def commits(matching: Matching, before: Configuration, after: Configuration, node: int, *, firsts: int) -> bool:
@@ -125,8 +125,6 @@ def commits(matching: Matching, before: Configuration, after: Configuration, nod
 
 MOST: Final = 10**100
 
-_EXACT: Final = 2**53
-"""All integers up to this one are doubles."""
 _MIXED: Final = None
 _SUMS: Final = (Operator.ADD, Operator.SUB)
 _FIRST_GREATER: Final = (Operator.GT, Operator.GE)
@@ -421,7 +419,7 @@ def _slope(term: Guard, name: str) -> tuple[int | None, bool]:
             itself = not any(isinstance(part, Operation) and part.operator in _SUMS for part in walk(inner))
             if isinstance(other, Literal) and isinstance(other.value, int | float) and _moderate(other.value):
                 whole = other.value == int(other.value)
-                fits = itself or abs(other.value) <= _EXACT if whole else alone
+                fits = itself or abs(other.value) <= EXACT_INTEGERS if whole else alone
                 return (slope, alone) if fits else (_MIXED, False)
             return (slope, False) if itself else (_MIXED, False)
         case _:

@@ -15,14 +15,12 @@ from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, Sort, valu
 from rvaft.model.nodes import Assumption, On, ValueType
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Exact, Json, equal, is_finite, is_number
+from rvaft.model.values import EXACT_INTEGERS, Exact, Json, equal, is_finite, is_number
 from rvaft.support.terminal import readable_json
 
 Path: TypeAlias = tuple[str | int, ...]
 """The keys and indexes that lead to a value in an event."""
 
-EXACT: Final = 2**53
-"""The smallest positive integer that is excluded by the assumption `exact`."""
 _ABSENT: Final = object()
 _SORTS: Final[Mapping[ValueType, Sort]] = {
     ValueType.TEXT: Sort.TEXT,
@@ -156,7 +154,7 @@ def is_inexact(value: Json) -> bool:
     >>> is_inexact(9007199254740992.0), is_inexact(1e300), is_inexact(9007199254740991), is_inexact(0.5)
     (True, True, False, False)
     """
-    return is_number(value) and EXACT <= abs(value) < inf  # so large a double has no fraction
+    return is_number(value) and EXACT_INTEGERS <= abs(value) < inf  # so large a double has no fraction
 
 
 @dataclass(frozen=True, slots=True)

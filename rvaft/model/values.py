@@ -15,6 +15,8 @@ Json: TypeAlias = Any
 JsonObject: TypeAlias = Mapping[str, Json]
 """Every event is a JSON object."""
 Scalar: TypeAlias = str | int | float | bool | None
+EXACT_INTEGERS: Final = 2**53
+"""Integers below it, and their differences, are doubles without rounding."""
 _LONG: Final = 16
 """A decimal with fewer characters is the shortest one of its double."""
 _PLAIN: Final = (str, int, float, bool, type(None))

@@ -19,12 +19,12 @@ from math import log2
 from typing import Final, TypeAlias
 
 from rvaft.errors import OptionError
-from rvaft.model.assumptions import EXACT, has_type, is_inexact
+from rvaft.model.assumptions import has_type, is_inexact
 from rvaft.model.event_time import NUMERIC, UNITS, EventTime, TextFormat, TimeFormat, duration_text
 from rvaft.model.expressions import WORD, assumptions_text, literal_text, name_text, pattern_text, time_text, word_text
 from rvaft.model.nodes import Assumption, ValueType
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.values import Json, JsonObject, at, is_number
+from rvaft.model.values import EXACT_INTEGERS, Json, JsonObject, at, is_number
 from rvaft.support.terminal import columns, cut
 
 SAMPLE: Final = 1_000
@@ -71,7 +71,7 @@ def _kind(value: Json) -> str | int | None:
     """Return the kind that a value of the discriminator is; equal numbers are one kind."""
     if isinstance(value, str):
         return value if len(value) <= _LONGEST else None
-    if not is_number(value) or not abs(value) < EXACT or value != int(value):
+    if not is_number(value) or not abs(value) < EXACT_INTEGERS or value != int(value):
         return None
     return int(value)
 

@@ -15,9 +15,8 @@ from typing import Any, Final, NamedTuple
 
 from backends.rml.reader import syntax as s
 from backends.rml.reader.parser import parse
-from rvaft.model.values import Json, is_number
+from rvaft.model.values import EXACT_INTEGERS, Json, is_number
 
-_EXACT: Final = 2**53
 _COMPARISONS: Final = frozenset(("==", "!=", "<", "<=", ">", ">="))
 _INEXACT: Final = frozenset(("/", "^", "*", "sin", "cos", "tan"))
 _SPECIAL: Final = frozenset(("^", "sin", "cos", "tan", "abs", "min", "max"))
@@ -96,7 +95,7 @@ def touching(text: str, trace: Iterable[Json]) -> list[Deviation]:
     fields = _fields(events)
     numbers = [p.value for p in parts if isinstance(p, s.Constant) and is_number(p.value)]
     numbers += [value for _, value in fields if is_number(value)]
-    exact = all(isinstance(number, int) and abs(number) < _EXACT for number in numbers)
+    exact = all(isinstance(number, int) and abs(number) < EXACT_INTEGERS for number in numbers)
     floats = {number for number in numbers if isinstance(number, float)}
     guarded = [declaration for declaration in program.declarations if declaration.guard is not None]
     within_guards = [part.operator for part in s.walk(*guarded) if isinstance(part, s.Apply)]

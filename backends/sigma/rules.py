@@ -57,7 +57,8 @@ class EventRule:
         self._pattern(pattern)
         self._further: dict[str, Selection] = {}
         sorts = {name: known.sort_of(way) for name, way in self.fields.items()}
-        conditions = [TruthConditions(sorts=sorts).of(guard) for guard in guards]
+        present = [name for name, way in self.fields.items() if way in known.present]
+        conditions = [TruthConditions(sorts=sorts, present=present).of(guard) for guard in guards]
         self._condition = self._all(conditions)
         if not self.selection:  # Sigma has no empty selection
             self.selection[f"{self._valued}|exists"] = True

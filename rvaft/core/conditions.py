@@ -11,9 +11,11 @@ from typing import Final, TypeAlias, TypeVar
 
 from rvaft.model.guards import (
     ARITHMETIC,
+    COMPARISONS,
     FUNCTIONS,
     OPERATORS,
     ORDERINGS,
+    Duration,
     Guard,
     Operation,
     Operator,
@@ -24,7 +26,7 @@ from rvaft.model.guards import (
     variables,
 )
 from rvaft.model.patterns import Literal, Variable
-from rvaft.model.values import equal, is_number
+from rvaft.model.values import equal, is_finite, is_number
 
 T = TypeVar("T")
 
@@ -90,7 +92,8 @@ class TruthConditions:
 
     `times` are the variables that hold event times. Mixing them with other numbers raises
     `Unsayable`; a null time is undefined. `is_whole` selects terms to treat as variables. `sorts`
-    are the sorts of variables that a log is assumed to keep.
+    are the sorts of variables that a log is assumed to keep, and `present` the variables that it
+    assumes not to be null.
 
     >>> from rvaft.language.parser import parse_guard
     >>> guard = parse_guard("not (X < 2 or Y)")
@@ -109,8 +112,10 @@ class TruthConditions:
         times: Collection[str] = (),
         is_whole: Callable[[Guard], bool] = lambda _: False,
         sorts: Mapping[str, Sort] | None = None,
+        present: Collection[str] = (),
     ) -> None:
         self._times, self._is_whole, self._sorts = frozenset(times), is_whole, sorts or {}
+        self._present = present
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
 
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
@@ -157,7 +162,27 @@ class TruthConditions:
         return _any([self._when(guard, wanted), _all([*opposite, rest])])
 
     def _is_total(self, guard: Guard) -> bool:
-        return is_total(guard) and self._times.isdisjoint(variables(guard))
+        """Whether a guard is surely true or false."""
+        match guard:
+            case Operation(operator, operands) if operator in COMPARISONS | FUNCTIONS:
+                sorts = {self._sure_sort(operand) for operand in operands}
+                known = len(sorts) == 1 and None not in sorts and OPERATORS[operator].gives is Sort.TRUTH
+            case Operation(Operator.NOT | Operator.AND | Operator.OR, operands):
+                known = all(map(self._is_total, operands))
+            case _:
+                known = self._sure_sort(guard) is Sort.TRUTH
+        return known or (is_total(guard) and self._times.isdisjoint(variables(guard)))
+
+    def _sure_sort(self, term: Guard) -> Sort | None:
+        """Return the sort of a variable that is not null, or of a constant; else None."""
+        match term:
+            case Variable(name) if name in self._present and name not in self._times:
+                sort = self._sorts.get(name)
+                return sort if sort in (Sort.NUMBER, Sort.TEXT, Sort.TRUTH) else None
+            case Literal(constant) if is_finite(constant) and not isinstance(term, Duration):
+                return self.sort(term) if constant is not None else None
+            case _:
+                return None
 
     def _equality(self, left: Guard, right: Guard, wanted: bool) -> TruthCondition:
         for one, other in ((left, right), (right, left)):

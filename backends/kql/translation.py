@@ -349,7 +349,7 @@ class KqlQuery:
             f"where {' and '.join(where)}",
             f"summarize {latest} by {', '.join(by)}",
         ]
-        own = [columns[name][1] for name in ("trace", "pos") if name in columns]
+        own = [columns[name][1] for name in (*keys, "pos")]  # several events may have one time as position
         new = " or ".join(f"{name} != prev({name})" for name in own)
         steps += [
             f"sort by {', '.join(f'{name} asc' for name in own)}, pos_{start} desc",
@@ -435,10 +435,14 @@ class KqlQuery:
         absent = self._leaf(clause.pattern, row, "absent", self._guards(clause, alone=True), alone=alone)
         matched = self._let("\n| ".join(found.steps), "matched_1")
         on = ", ".join(f"$left.{left} == $right.{right}" for left, right in keys)
-        positions = [f"pos_{number}" for number in self._of(one.before)]
-        shown = ", ".join(f"{name} = {name}" for name in positions)
+        values = [term.text for term in terms.values() if _WORD.fullmatch(term.text)]
+        # several events may have one time as position: then values tell matches apart
+        own = dict.fromkeys(
+            [*(f"pos_{number}" for number in self._of(one.before)), *(left for left, _ in keys), *values]
+        )
+        shown = ", ".join(f"{name} = {name}" for name in own)
         broken = [matched, f"join kind=inner {absent} on {on}", f"where {' and '.join(conditions)}", f"project {shown}"]
-        same = ", ".join(f"$left.{name} == $right.{name}" for name in positions)
+        same = ", ".join(f"$left.{name} == $right.{name}" for name in own)
         removed = self._let("\n| ".join(broken), "broken_1")
         found.steps = [matched, f"join kind=leftanti {removed} on {same}"]
 

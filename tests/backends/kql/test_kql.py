@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from backends.kql import KqlBackend
+from backends.kql.reader import KqlProgram
 from cross_check.comparison import cross_check
 from cross_check.results import Status
 from rvaft import RVAFT, OptionError, Semantics, ToolFailed, Verdict, loads
@@ -224,3 +225,23 @@ def test_a_mapping_that_is_no_table_is_an_error() -> None:
     for mapping in ({}, {"table": "x"}, {"table": "x", "position": "p", "dialect": "kusto"}):
         with pytest.raises(OptionError):
             KqlBackend().mapped(mapping)
+
+
+TYPED = "semantics scattered; time t as ns; event e(who: text, what: text) = { who: who, what: what }; "
+TYPED += "assume types, present, case, order 0 s; "
+
+
+@pytest.mark.parametrize(
+    ("tree", "rows", "detected"),
+    [
+        # two sources with two different values each are no source with three
+        ("top and a within 1 s; a on e(X, Y) times 3 distinct Y;", ["1ap", "1bq", "2aq", "2bp"], []),
+        ("top and a within 1 s; a on e(X, Y) times 3 distinct Y;", ["1ap", "1bq", "2aq", "3ar"], [3]),
+        # what breaks the match of one breaks no other at the same time
+        ("new on e(X, Y) without e(X, Y) for 1 s before;", ["1ap", "2ap", "2bq"], [1, 2]),
+    ],
+)
+def test_events_at_one_time_are_told_apart_by_their_values(tree: str, rows: list[str], detected: list[int]) -> None:
+    program = KqlProgram(backend("kql").translate(loads(TYPED + tree), Semantics.SCATTERED).text)
+    table = [{"trace": "", "pos": int(a), "time": int(a), "who": b, "what": c} for a, b, c in rows]
+    assert sorted({row["detected"] for row in program.query.of(table)}) == detected

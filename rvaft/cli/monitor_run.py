@@ -8,6 +8,7 @@ from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
 from datetime import UTC, datetime
 from functools import partial
 from io import BytesIO, IOBase
+from math import inf
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from threading import Timer
@@ -50,6 +51,7 @@ _OFTEN: Final = 1_000
 _CHUNK: Final = 1 << 20
 _State: TypeAlias = tuple[list[StateBeside], list[tuple[int, tuple[int, str | None]]], bool]
 """The states of runs, those of reporters and reactions, and whether kept events are whole."""
+_DAY: Final = 24 * 3600 * 10**9
 _SILENCE: Final = 2.0
 """Seconds before a terminal shows what an engine does."""
 
@@ -267,6 +269,8 @@ class _Run(Listener):
         """The runs of the present trace, by tree."""
         self._told = monotonic()
         """When the monitors were told the time."""
+        self._has_compared = False
+        """Whether a difference between the clocks of machine and log was found."""
         self._failed = set[int]()
         """The runs whose monitors have failed, by their `id`."""
 
@@ -464,8 +468,21 @@ class _Run(Listener):
             self._told = monotonic()
             for run in runs:
                 if id(run) not in self._failed and run.plan.monitors.time is not None:
-                    run.pass_time(datetime.now(tz=UTC))
+                    now = datetime.now(tz=UTC)
+                    self._compare_clocks(run, now)
+                    run.pass_time(now)
             self.sink.flush()
+
+    def _compare_clocks(self, run: TraceRun, now: datetime) -> None:
+        """Warn once of a deadline that was over long ago, as if the log had another clock."""
+        time, first = run.plan.monitors.time, min((watch.monitors.deadline for watch in run.watches), default=inf)
+        if time is None or self._has_compared or first == inf:
+            return
+        days = (time.now(now) - first) / _DAY
+        if days > 1:
+            self._has_compared = True
+            what = f"a deadline of {run.trace} lies {days:,.0f} days before this machine's time"
+            self.sink.warn(f"{what}: if {'.'.join(time.field)} is of another clock, --clock ends every wait at once")
 
     def _read(self, runs: Sequence[TraceRun], trace: TraceSource) -> None:
         """Read all events since the last checkpoint; save and flush after each batch."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.cli.runs import jsonl, lines, run, started
+from tests.cli.runs import jsonl, lines, run, started, written
 
 BEAT = "semantics scattered; event beat(r) = {{ beat: r }}; time t as {form}; {lost}"
 LOST = "lost on beat(Robot) without beat(Robot) for 2 s after;"
@@ -96,6 +96,14 @@ def test_a_silent_log_is_decided_by_the_clock(tmp_path: Path) -> None:
         found = json.loads(running.stdout.readline())
     assert (found["event"], found["verdict"], found["variables"]) == (1, "true", {"Robot": 1})
     assert found["passed"].startswith("time ")
+
+
+def test_a_log_with_another_clock_is_told(tmp_path: Path) -> None:
+    file = tree(tmp_path, BEAT.format(form="s", lost=LOST))
+    path = written(tmp_path / "log.jsonl", '{"beat": 1, "t": 5}\n')
+    with started("monitor", file, path, "--follow", "--clock", "100 ms") as running:
+        told = running.stderr.readline()
+    assert "days before this machine's time: if t is of another clock, --clock ends every wait at once" in told
 
 
 ATTACK = """semantics scattered; event failed(u) = { failed: u }; event entered(u) = { entered: u };

@@ -175,6 +175,7 @@ _OUTSIDE: Final = 200
 """Maximum number of traces that break an assumption on which a text that a person wrote is tried."""
 _REMEMBERED: Final = 300
 """Maximum number of states of a proof with a participant that remembers all events."""
+_REMEMBERS: Final = "the reference remembers all events, where some have to be absent"
 
 
 def _place(wanted: Sequence[Verdict], got: Sequence[Verdict]) -> int | None:
@@ -528,7 +529,8 @@ class Comparison:
             elif number and found.complete:
                 row.status = Status.PROVED
             elif number:
-                row.why = f"{able[0].name} failed" if 0 in found.failed else f"state limit {most} reached"
+                limited = f"state limit {most} reached" if most == self.effort.states else _REMEMBERS
+                row.why = f"{able[0].name} failed" if 0 in found.failed else limited
 
     def _test(self) -> bool:
         baseline, *others = self._present

@@ -55,8 +55,9 @@ def atoms_of(header: Header, names: Iterable[str], given: Mapping[str, Pattern])
 
 
 def _observation(header: Header, name: str, given: Mapping[str, Pattern]) -> Observation:
-    by_name = Observation(given.get(name) or patterns.ObjectPattern((("event", patterns.Literal(name)),)))
-    return header.atoms.get(name, by_name)
+    if name in header.atoms:
+        return header.atoms[name]
+    return Observation(given.get(name) or patterns.ObjectPattern((("event", patterns.Literal(name)),)))
 
 
 def _event_atom(observation: Observation) -> Atom:

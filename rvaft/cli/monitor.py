@@ -273,7 +273,7 @@ def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEng
 def _repeat_by(tree: RVAFT, given: Mapping[str, Any]) -> str | None:
     """Return the variable by which the monitor of a tree or part is repeated."""
     by: str | None = given["repeat_by"]
-    return by or (tree.repeat_by if given["repeat"] else None)
+    return by if by is not None else tree.repeat_by if given["repeat"] else None
 
 
 def _check_repetition(given: Mapping[str, Any], trees: Iterable[RVAFT]) -> None:

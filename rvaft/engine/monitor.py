@@ -307,4 +307,4 @@ def repeating_engine(
     """Return the engine of a valid tree or part that may be repeated, each value of a variable for itself if
     `by` or the tree names one.
     """
-    return Engine(tree, semantics, limit=limit, repeat_by=by or (tree.repeat_by if repeat else None))
+    return Engine(tree, semantics, limit=limit, repeat_by=by if by is not None else tree.repeat_by if repeat else None)

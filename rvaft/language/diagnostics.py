@@ -232,7 +232,12 @@ def _topic_slips(at: _Situation) -> Advice:
             yield f"unknown word {shown(following.text)}: did you mean type?", following.start
         if bad.is_string:
             yield f"the message type of topic {shown(bad.text)[1:-1]} is missing, {_TOPIC_EXAMPLE}", bad.end
-    if at.can("COMMA", "SEMICOLON") and (bad.is_word or bad.is_string) and not at.is_on_new_line:
+    if (
+        words[:1] == [TOPIC]
+        and at.can("COMMA", "SEMICOLON")
+        and (bad.is_word or bad.is_string)
+        and not at.is_on_new_line
+    ):
         yield "publishers are separated by commas", bad.start
     if at.can("NAME") and bad.text in ("/", "~") and words[:1] == [TOPIC]:
         yield _NAME_IN_QUOTES.format(visible(bad.text + following.text)), bad.start

@@ -118,7 +118,9 @@ class RVAFT:
         for ignore in self.ignores:
             _check_call(ignore.on, self.events, [])
         if repeat_by is not None and part_of is None and repeat_by not in self.variables:
-            raise TreeError(f"`repeat by` names {repeat_by}, which no event of a node binds", rule="shown-variable")
+            own = any(repeat_by in node.own_values for node in self.nodes.values())
+            why = "of which each counted event has its own" if own else "which no event of a node binds"
+            raise TreeError(f"`repeat by` names {repeat_by}, {why}", rule="shown-variable")
         for name in self.shows if part_of is None else ():
             if not any(node.on is not None and name in node.on.variables for node in self.nodes.values()):
                 raise TreeError(f"`show` lists {name}, which no event of a node binds", rule="shown-variable")

@@ -226,7 +226,7 @@ def tied_values(space: ScenarioSpace) -> Iterator[RuleReport]:
 
 
 def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:
-    """A tree with `times N` declares its semantics, because further such events may occur."""
+    """A tree with `times N` or `without` declares its semantics, because further such events may occur."""
     tree = space.tree
     if tree.semantics is not None:
         return
@@ -237,3 +237,8 @@ def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:
             so = "under the default, `projected`, another such event, or one with other values, ends the match"
             mend = "add `semantics scattered;`, or the intended semantics"
             yield RuleReport(node.place("times"), f"{problem}: {so}; {mend}", (node.name,))
+        for clause in node.without[:1]:
+            problem = f"{node.name} waits for what does not happen, but the tree declares no semantics"
+            so = "under the default, `projected`, another of its events, such as one of another entity, ends the match"
+            mend = "add `semantics scattered;`, or the intended semantics"
+            yield RuleReport(clause.place, f"{problem}: {so}; {mend}", (node.name,))

@@ -32,7 +32,7 @@ class SemanticsHint:
 
     def __init__(self, tree: RVAFT, *, tried: bool = True) -> None:
         self._tree = tree
-        self._tried = tried
+        self._tried = tried and not tree.absences  # any event may decide that another was absent
         self._left = SECONDS
         self.forget()
         self.ended = self.detecting = self.unread = 0

@@ -37,6 +37,7 @@ from rvaft.errors import unwritten
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
 from rvaft.support.budget import Expired, within
+from tests.cli.runs import run
 
 TREE = loads("toplevel r; r sand a b; a; b;")
 OBSERVED = observed_by(TREE)
@@ -383,3 +384,13 @@ def test_a_counterexample_has_ordinary_times_and_values_and_says_what_differs(
     assert reason in text
     assert found.difference is not None
     assert all(event["time"].startswith("2026-01-01T00:00:0") for event in found.difference.trace)
+
+
+@pytest.mark.parametrize("language", ["ltlf", "automaton", "rml", "mtl", "sql"])
+def test_an_own_text_with_an_absent_event_is_read(language: str, tmp_path: Path) -> None:
+    tree = tmp_path / "a.rvaft"
+    tree.write_text(f'{READ} semantics scattered; top sand a b without read("c"); a on read(1); b on read(2);')
+    text = tmp_path / f"a.{language}"
+    assert run("emit", tree, "--to", language, "-o", text).exit_code == 0
+    found = run("cross-check", tree, "--against", f"{language}:{text}", "--traces", "20")
+    assert (found.exit_code, "no disagreement" in found.output) == (0, True), found.output

@@ -15,7 +15,7 @@ Json: TypeAlias = Any
 JsonObject: TypeAlias = Mapping[str, Json]
 """Every event is a JSON object."""
 Scalar: TypeAlias = str | int | float | bool | None
-_LONG: Final = 16
+LONG: Final = 16
 """A decimal with fewer characters is the shortest one of its double."""
 _PLAIN: Final = (str, int, float, bool, type(None))
 _KEYS: Final = (str, int, float)
@@ -38,7 +38,7 @@ def decimal(written: str) -> float:
     (1772438400.123456789, 1772438401.1234567, 2.5)
     """
     number = float(written)
-    if len(written) < _LONG or repr(number) == written or number - number != 0:
+    if len(written) < LONG or repr(number) == written or number - number != 0:
         return number
     exact = Exact(number)
     exact.written = written
@@ -55,7 +55,7 @@ def finite_decimal(written: str) -> float:
     number = float(written)
     if number - number != 0:
         raise ValueError("beyond a double")
-    return number if len(written) < _LONG else decimal(written)
+    return number if len(written) < LONG else decimal(written)
 
 
 def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:

@@ -211,22 +211,30 @@ class Engine(Monitor):
         return False
 
     def pass_events(
-        self, latest: Sequence[int | None], numbers: Sequence[int], line: Callable[[int], int | None]
+        self,
+        latest: Sequence[int | None],
+        numbers: Sequence[int],
+        places: Sequence[int],
+        line: Callable[[int], int | None],
     ) -> None:
-        """As `pass_event`, for events with these numbers and the maximum times up to each.
+        """As `pass_event`, for the events at these places of columns with the maximum times up to them.
 
-        `line` returns the line of an event, or None if it is its number.
+        `line` returns the line of the event with a number, or None if it is that number.
         """
         allowed = 0 if self.tree.time is None else self.tree.time.late or 0
-        before, last, found = self._latest, latest[-1], list[Jump]()
+        before, new, found = self._latest, latest[places[-1]], list[Jump]()
+        last, at = new, len(places)
         if last is None:
             return
-        at = 0 if before is not None and last - before <= allowed else len(latest)
-        while at and len(found) < JUMPS:  # from the last, since few are remembered
+        if before is not None and last - before <= allowed:
+            at = 0
+        while at and new is not None and len(found) < JUMPS:  # from the last, since few are remembered
             at -= 1
-            old, new = latest[at - 1] if at else before, latest[at]
-            if new is not None and (old is None or new - old > allowed):
-                found.append(_new(Jump, (numbers[at], old, new, line(numbers[at]))))
+            old = latest[places[at - 1]] if at else before
+            if old is None or new - old > allowed:
+                number = numbers[places[at]]
+                found.append(_new(Jump, (number, old, new, line(number))))
+            new = old
         self.jumps = (*self.jumps, *reversed(found))[-JUMPS:]
         self.reach(last)
 

@@ -19,7 +19,7 @@ from rvaft.stream.listeners import MonitoredTrace
 
 WAITING: Final = 128
 """Maximum number of batches whose times the engines are not told yet."""
-MOST_WAITING: Final = 1 << 17
+MOST_WAITING: Final = 1 << 18
 """Maximum number of events of keys whose times the engines are not told yet."""
 _ERROR: Final = 2.0**-48
 """More than the relative error of a difference of doubles that are rounded."""
@@ -227,9 +227,9 @@ class KeyedTimes:
         places = defaultdict[MonitoredTrace, list[int]](list)
         for place, trace in enumerate(chain.from_iterable(all_traces)):
             places[trace].append(place)
+        differ = any(lines and lines != range(at + 1, at + 1 + len(lines)) for *_, (at, lines) in self._waiting)
         for trace, own in places.items():
-            of_key = [latest[place] for place in own]
-            trace.monitors.engines[0].pass_events(of_key, [numbers[place] for place in own], self._line)
+            trace.monitors.engines[0].pass_events(latest, numbers, own, self._line if differ else _same_line)
         self._waiting.clear()
         self._latest.clear()
         self._count = self._known = 0
@@ -240,6 +240,10 @@ class KeyedTimes:
         before, lines = self._waiting[at - 1][3]
         found = lines[number - before - 1] if lines else None
         return None if found == number else found
+
+
+def _same_line(number: int) -> None:  # noqa: ARG001 (lines are the numbers of events)
+    return None
 
 
 def lateness(

@@ -675,3 +675,19 @@ def test_events_that_change_nothing_are_taken_at_once(
         status = main(arguments, standalone_mode=False)
         told.append((status, capsys.readouterr()))
     assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("by_blocks", [False, True])
+def test_a_time_that_was_told_makes_earlier_events_of_known_keys_late(*, by_blocks: bool) -> None:
+    tree = loads('time at as s late 1 s; event e(v) = { kind: "k", value: v }; top sand a b; a on e(1); b on e(2);')
+    first = [{"kind": "k", "value": 3, "at": n, "u": "a"} for n in range(40)]
+    plan = plan_of(tree, "scattered", key=Key.parse(["u"]))
+    run = TraceRun(plan, "log", [], run_of(plan, Told()).totals, buffer=EventBuffer())
+    for _ in range(2):  # the second batch is known to cause no warning
+        list(pipeline.read([run], io.BytesIO(lines(first).encode()), "log", by_blocks=by_blocks))
+        first = [{**event, "at": 40 + event["at"]} for event in first]
+    run.pass_time(1_000)
+    later = [{**event, "at": 80 + n, "u": "a" if n % 2 else "b"} for n, event in enumerate(first)]
+    list(pipeline.read([run], io.BytesIO(lines(later).encode()), "log", by_blocks=by_blocks))
+    found = run.totals.data_warnings.found
+    assert [one.count for (doubt, _), one in found.items() if doubt is Doubt.LATE] == [20]

@@ -191,9 +191,14 @@ class KeyedTimes:
         self._waiting: list[tuple[Sequence[MonitoredTrace], Sequence[int], Sequence[int | None], Lines]] = []
         """Batches of events: their traces, numbers and maximum times, and the lines after a number."""
         self._count = 0
-        self._latest: dict[MonitoredTrace, int | None] = {}
-        """The maximum times of the keys of the first `_known` batches."""
-        self._known = 0
+        self._same_lines = True
+        """Whether all lines are the numbers of the events."""
+        self._grouped = 0
+        """The number of batches whose events are in the following columns."""
+        self._numbers: list[int] = []
+        self._latest: list[int | None] = []
+        self._places: defaultdict[MonitoredTrace, list[int]] = defaultdict(list)
+        """The places of the events of each trace in the columns."""
 
     def rises(self, times: Sequence[int | None]) -> bool:
         """Whether these times never fall, over all keys: then no event is late."""
@@ -207,32 +212,39 @@ class KeyedTimes:
     ) -> None:
         """Add events of these traces, with the maximum time of its key up to each."""
         self._waiting.append((traces, numbers, latest, lines))
+        before, known = lines
+        self._same_lines &= not known or known == range(before + 1, before + 1 + len(known))
         self._count += len(traces)
         if self._count > MOST_WAITING:
             self.settle()
 
     def latest(self, trace: MonitoredTrace) -> int | None:
         """Return the maximum time of the events of a key."""
-        for traces, _, latest, _ in self._waiting[self._known :]:
-            self._latest.update(zip(traces, latest, strict=True))
-        self._known = len(self._waiting)
-        return self._latest[trace] if trace in self._latest else trace.monitors.engines[0].latest
+        self._group()
+        return self._latest[self._places[trace][-1]] if trace in self._places else trace.monitors.engines[0].latest
 
-    def settle(self) -> None:
-        """Tell the engines of all keys the times of their events."""
-        if not self._waiting:
+    def _group(self) -> None:
+        for traces, numbers, latest, _ in self._waiting[self._grouped :]:
+            for place, trace in enumerate(traces, len(self._latest)):
+                self._places[trace].append(place)
+            self._numbers += numbers
+            self._latest += latest
+        self._grouped = len(self._waiting)
+
+    def settle(self, only: MonitoredTrace | None = None) -> None:
+        """Tell the engines of all keys, or that of one, the times of their events."""
+        self._group()
+        line = _same_line if self._same_lines else self._line
+        if only is not None:
+            if only in self._places:
+                only.monitors.engines[0].pass_events(self._latest, self._numbers, self._places.pop(only), line)
             return
-        all_traces, all_numbers, all_latest, _ = zip(*self._waiting, strict=True)
-        numbers, latest = list(chain.from_iterable(all_numbers)), list(chain.from_iterable(all_latest))
-        places = defaultdict[MonitoredTrace, list[int]](list)
-        for place, trace in enumerate(chain.from_iterable(all_traces)):
-            places[trace].append(place)
-        differ = any(lines and lines != range(at + 1, at + 1 + len(lines)) for *_, (at, lines) in self._waiting)
-        for trace, own in places.items():
-            trace.monitors.engines[0].pass_events(latest, numbers, own, self._line if differ else _same_line)
-        self._waiting.clear()
-        self._latest.clear()
-        self._count = self._known = 0
+        for trace, places in self._places.items():
+            trace.monitors.engines[0].pass_events(self._latest, self._numbers, places, line)
+        for some in (self._waiting, self._numbers, self._latest, self._places):
+            some.clear()
+        self._count = self._grouped = 0
+        self._same_lines = True
 
     def _line(self, number: int) -> int | None:
         """Return the line of an event, or None if it is its number."""

@@ -360,7 +360,7 @@ class TraceRun:
 
     def _is_late(self, watch: MonitoredTrace, place: int, event: JsonObject) -> bool:
         """Whether an event of a key is late."""
-        self._keyed_times.settle()
+        self._keyed_times.settle(watch)
         engine = watch.monitors.engines[0]
         late = engine.is_late(event, *self._numbered(place))
         self._keyed_times.greatest = max(self._keyed_times.greatest, engine.latest or -inf)
@@ -651,7 +651,7 @@ class TraceRun:
                         self._pass(of_keys, at + 1)
                         watch = known[of_keys.keys[at]]
                         assert watch is not None, "each event has a key"
-                        self._keyed_times.settle()
+                        self._keyed_times.settle(watch)
                         self._note_late(watch, place, event)
                 if one is None:
                     break

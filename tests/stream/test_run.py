@@ -680,7 +680,7 @@ def test_events_that_change_nothing_are_taken_at_once(
 @pytest.mark.parametrize("by_blocks", [False, True])
 def test_a_time_that_was_told_makes_earlier_events_of_known_keys_late(*, by_blocks: bool) -> None:
     tree = loads('time at as s late 1 s; event e(v) = { kind: "k", value: v }; top sand a b; a on e(1); b on e(2);')
-    first = [{"kind": "k", "value": 3, "at": n, "u": "a"} for n in range(40)]
+    first: list[dict[str, Any]] = [{"kind": "k", "value": 3, "at": n, "u": "a"} for n in range(40)]
     plan = plan_of(tree, "scattered", key=Key.parse(["u"]))
     run = TraceRun(plan, "log", [], run_of(plan, Told()).totals, buffer=EventBuffer())
     for _ in range(2):  # the second batch is known to cause no warning

@@ -233,7 +233,8 @@ class JsonBlockReader:
                         before = bisect_left(passed, place)
                         reached(size - len(text) + sum(map(len, lines[:place])) + place, place)
                         passed, kept = _without(blank, passed[:before]), kept[:before]
-                        yield Batch(place - len(blank), events, passed, kept, _lines(first, place, blank))
+                        before_it = None if times is None else times._replace(values=times.values[:place])
+                        yield Batch(place - len(blank), events, passed, kept, _lines(first, place, blank), before_it)
                         raise
                 if event is None:
                     blank.append(place)

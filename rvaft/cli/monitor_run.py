@@ -1,6 +1,5 @@
 """Runs `rvaft monitor` over its traces, in one or several processes."""
 
-import gc
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -39,6 +38,7 @@ from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.sources import Source, reading_of
 from rvaft.stream.statistics import Statistics
 from rvaft.stream.whole_log import Declined, LogAnswer
+from rvaft.support.collector import rare_collections
 from rvaft.support.files import SUFFIXES as COMPRESSED
 from rvaft.support.files import deliver
 from rvaft.support.output import STOP
@@ -616,9 +616,8 @@ def run(
 ) -> int:
     """Run all traces for all trees and return the exit status; `report` makes other reporters."""
     STOP.reset()
-    gc.freeze()  # decoding triggers garbage collection often
     settings = trees[0]
-    try:
+    with rare_collections():
         sizes = sum(trace.size for trace in traces)
         watched = not settings.follow and all(trace.file is not None for trace in traces)
         progress = ProgressBar(sizes) if watched and sizes else None
@@ -649,8 +648,6 @@ def run(
             elif reaction.count > 1:
                 sink.warn(f"{settings.drawing} shows the first of {reaction.count} detections")
         return max([FAILED if reaction.failed else 0, *(outcome.status for outcome in every)])
-    finally:
-        gc.unfreeze()
 
 
 def _in_processes(alone: _Run, traces: Sequence[TraceSource], jobs: int) -> Iterator[list[TraceOutcome]]:

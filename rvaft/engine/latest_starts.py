@@ -176,24 +176,19 @@ class LatestStarts(Strategy):
         time = self._time(event) if self._timed else None
         return self._take(event, event_class, time, position)
 
-    def advance_all(
-        self, events: Iterator[BatchEvent], noted: Noted, *, projects: bool
-    ) -> tuple[Verdict, BatchEvent] | None:
-        """Read events up to the first that detects."""
-        assert not projects, "this is a strategy for `scattered`"
-        for one in events:
-            number, event, classes, time, watermark = one
-            if watermark is not None:
-                self._watermark = watermark
-            if classes[0].serving:
-                noted.concerned.append(one)
-                self.noted = False
-                verdict = self._take(event, classes[0], time, number)
-                if self.noted:
-                    noted.served.append(one)
-                if verdict is not _UNKNOWN:
-                    return verdict, one
-        return None
+    def advance_to(self, one: BatchEvent, noted: Noted, projects: bool) -> Verdict:  # noqa: ARG002
+        """As `advance_all`, for one event; this is a strategy for `scattered`."""
+        number, event, classes, time, watermark = one
+        if watermark is not None:
+            self._watermark = watermark
+        if not classes[0].serving:
+            return _UNKNOWN
+        noted.concerned.append(one)
+        self.noted = False
+        verdict = self._take(event, classes[0], time, number)
+        if self.noted:
+            noted.served.append(one)
+        return verdict
 
     def _take(self, event: Mapping[str, Json], event_class: EventClass, time: int | None, position: int) -> Verdict:
         found: list[Detected] | None = None

@@ -18,6 +18,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, DEFAULT_LIMIT, Ended, Explanation, Monitor, Pending, twin
 
 _UNKNOWN: Final = Verdict.UNKNOWN
+_new: Final = tuple.__new__  # twice as fast as the constructor
 
 
 class Engine(Monitor):
@@ -143,6 +144,13 @@ class Engine(Monitor):
         self._position = one[0]
         return one
 
+    def take_one(self, one: BatchEvent, noted: Noted) -> Verdict:
+        """As `take_all`, for one event; return the verdict after it."""
+        verdict = self._strategy.advance_to(one, noted, self._projects)
+        if verdict is not _UNKNOWN:
+            self._verdict, self._position = verdict, one[0]
+        return verdict
+
     def skip(self, count: int) -> Verdict:
         """As `step`, for `count` events without a match."""
         if count > 0 and self._verdict is _UNKNOWN:
@@ -202,17 +210,33 @@ class Engine(Monitor):
         self.reach(time)
         return False
 
-    def pass_events(self, numbers: Sequence[int], times: Sequence[int], line: Callable[[int], int | None]) -> None:
-        """As `pass_event`, for events whose times never fall; `line` returns the line of an event."""
-        latest, found = self._latest, list[tuple[int, int | None, int]]()
+    def pass_events(
+        self,
+        latest: Sequence[int | None],
+        numbers: Sequence[int],
+        places: Sequence[int],
+        line: Callable[[int], int | None],
+    ) -> None:
+        """As `pass_event`, for the events at these places of columns with the maximum times up to them.
+
+        `line` returns the line of the event with a number, or None if it is that number.
+        """
         allowed = 0 if self.tree.time is None else self.tree.time.late or 0
-        for number, time in zip(numbers, times, strict=True):
-            if latest is None or time > latest + allowed:
-                found.append((number, latest, time))
-            if latest is None or time > latest:
-                latest = time
-        self.jumps = (*self.jumps, *(Jump(*one, line(one[0])) for one in found[-JUMPS:]))[-JUMPS:]
-        self.reach(latest)
+        before, new, found = self._latest, latest[places[-1]], list[Jump]()
+        last, at = new, len(places)
+        if last is None:
+            return
+        if before is not None and last - before <= allowed:
+            at = 0
+        while at and new is not None and len(found) < JUMPS:  # from the last, since few are remembered
+            at -= 1
+            old = latest[places[at - 1]] if at else before
+            if old is None or new - old > allowed:
+                number = numbers[places[at]]
+                found.append(_new(Jump, (number, old, new, line(number))))
+            new = old
+        self.jumps = (*self.jumps, *reversed(found))[-JUMPS:]
+        self.reach(last)
 
     @property
     def until(self) -> float:

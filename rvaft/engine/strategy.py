@@ -82,22 +82,27 @@ class Strategy(ABC):
         If the semantics `projects`, irrelevant events are skipped. Raises what `advance` raises; then `events`
         stands after the event.
         """
+        take = self.advance_to
         for one in events:
-            number, event, classes, _, watermark = one
-            if watermark is not None:
-                self.forget(watermark)
-            reading = self.read(event, classes[0])
-            if reading is not QUIET:
-                if not (reading.relevant if projects else reading.hits):
-                    continue
-                verdict = self.advance(reading, number)
-                if self.noted and reading.hits:
-                    noted.served.append(one)
-                if verdict is not _UNKNOWN:
-                    noted.concerned.append(one)
-                    return verdict, one
-            noted.concerned.append(one)
+            verdict = take(one, noted, projects)
+            if verdict is not _UNKNOWN:
+                return verdict, one
         return None
+
+    def advance_to(self, one: BatchEvent, noted: Noted, projects: bool) -> Verdict:
+        """As `advance_all`, for one event."""
+        number, event, classes, _, watermark = one
+        if watermark is not None:
+            self.forget(watermark)
+        verdict, reading = _UNKNOWN, self.read(event, classes[0])
+        if reading is not QUIET:
+            if not (reading.relevant if projects else reading.hits):
+                return _UNKNOWN
+            verdict = self.advance(reading, number)
+            if self.noted and reading.hits:
+                noted.served.append(one)
+        noted.concerned.append(one)
+        return verdict
 
     def inert(self, event_class: EventClass) -> Inert | None:  # noqa: ARG002
         """Return which events of a class change nothing until another event is read.

@@ -17,7 +17,7 @@ JsonObject: TypeAlias = Mapping[str, Json]
 Scalar: TypeAlias = str | int | float | bool | None
 EXACT_INTEGERS: Final = 2**53
 """Integers below it, and their differences, are doubles without rounding."""
-_LONG: Final = 16
+LONG: Final = 16
 """A decimal with fewer characters is the shortest one of its double."""
 _PLAIN: Final = (str, int, float, bool, type(None))
 _KEYS: Final = (str, int, float)
@@ -40,7 +40,7 @@ def decimal(written: str) -> float:
     (1772438400.123456789, 1772438401.1234567, 2.5)
     """
     number = float(written)
-    if len(written) < _LONG or repr(number) == written or number - number != 0:
+    if len(written) < LONG or repr(number) == written or number - number != 0:
         return number
     exact = Exact(number)
     exact.written = written
@@ -57,7 +57,7 @@ def finite_decimal(written: str) -> float:
     number = float(written)
     if number - number != 0:
         raise ValueError("beyond a double")
-    return number if len(written) < _LONG else decimal(written)
+    return number if len(written) < LONG else decimal(written)
 
 
 def at(value: Json, path: Iterable[str], missing: Json = None) -> Json:

@@ -19,7 +19,7 @@ from rvaft.core.classifier import Reads, TreeReads, brief
 from rvaft.errors import TraceError
 from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
-from rvaft.model.values import Json, JsonObject, Scalar, finite_decimal
+from rvaft.model.values import LONG, Json, JsonObject, Scalar, finite_decimal
 from rvaft.readers.json_lines import MAX_DEPTH, decode, event_on
 from rvaft.readers.log import BOM, MAX_DIGITS, MAX_LINE, Batch, BatchTimes, failures_of, unreadable
 from rvaft.support.files import SUFFIXES
@@ -35,6 +35,9 @@ _SHORT: Final = 2 * MAX_DEPTH
 """Shorter lines have neither too many levels nor too many digits."""
 _DIGITS: Final = re.compile(rb"[0-9]{%d}" % (MAX_DIGITS + 1))
 _OF_NUMBERS: Final = b"0123456789.+-eE"
+_NUMBERS: Final = bytes(ord("0") if byte in _OF_NUMBERS else ord(" ") for byte in range(256))
+_LONG_NUMBER: Final = b"0" * LONG
+"""In a text after `_NUMBERS`, what may be a number that a double rounds."""
 _NESTED: Final = frozenset({dict, list})
 _STRETCH: Final = 29_000
 """Bytes per call when keys are counted."""
@@ -145,6 +148,7 @@ class JsonBlockReader:
         read = {field: Any if field in exact else types[field] for field in fields}
         event = TypedDict("event", read, total=False)  # type: ignore[misc] # the names come with the tree
         self._event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event, float_hook=finite_decimal)
+        self._rounded_event: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(event)
         time = TypedDict("time", {timed: Any}, total=False)  # type: ignore[misc]
         self._time: msgspec.json.Decoder[_Line] = msgspec.json.Decoder(time, float_hook=finite_decimal)
         self._exact = exact
@@ -165,7 +169,8 @@ class JsonBlockReader:
         self._kept_of_event = _gets(self._kept) if kept else None
         self._kept_of_head = attrgetter(*map(short.__getitem__, self._kept)) if kept else None
         self._known: dict[Hashable, tuple[bool, tuple[bytes, ...]]] = {}
-        self._keys = tuple(_quoted(field).translate(None, _OF_NUMBERS) for field in fields)
+        spelled = (re.escape(_quoted(field).translate(None, _OF_NUMBERS)) for field in fields)
+        self._keys = tuple(re.compile(name + rb"[ \t\r]*:") for name in spelled)
         self._skeletons: set[bytes] = set()
         self._resting = 0
         self._dense = False
@@ -228,7 +233,8 @@ class JsonBlockReader:
                         before = bisect_left(passed, place)
                         reached(size - len(text) + sum(map(len, lines[:place])) + place, place)
                         passed, kept = _without(blank, passed[:before]), kept[:before]
-                        yield Batch(place - len(blank), events, passed, kept, _lines(first, place, blank))
+                        before_it = None if times is None else times._replace(values=times.values[:place])
+                        yield Batch(place - len(blank), events, passed, kept, _lines(first, place, blank), before_it)
                         raise
                 if event is None:
                     blank.append(place)
@@ -294,7 +300,7 @@ class JsonBlockReader:
             self._skeletons.clear()
             new = set(skeletons)
         for skeleton in new:
-            if b"\\u" in skeleton or any(skeleton.count(key) > 1 for key in self._keys):
+            if b"\\u" in skeleton or any(len(key.findall(skeleton)) > 1 for key in self._keys):
                 return None
             try:
                 decode(lines[skeletons.index(skeleton)], reads=Reads())
@@ -302,7 +308,8 @@ class JsonBlockReader:
                 return None
             self._skeletons.add(skeleton)
         with suppress(*_REFUSED):
-            heads: list[_Line] = self._event.decode_lines(text)
+            exact = self._exact and _LONG_NUMBER in text.translate(_NUMBERS)
+            heads: list[_Line] = (self._event if exact else self._rounded_event).decode_lines(text)
             types = {type(head.get(field)) for field in self._exact for head in heads}
             if len(heads) == len(lines) and _NESTED.isdisjoint(types):
                 return heads

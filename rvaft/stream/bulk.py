@@ -142,13 +142,13 @@ def _has_one_entry(table: GuardTable[H], group: EventGroup) -> bool:
     return 0 < len(few) <= FEW_VALUES and len({table.held({table.field: value}) for value in few}) == 1
 
 
-def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: EventKind) -> bool:
-    """Whether events of one kind are known to cause no warning."""
+def needs_no_warning(warnings: DataWarnings, group: EventGroup, event_kind: EventKind, *, timed: bool = False) -> bool:
+    """Whether events of one kind, which may all be `timed`, are known to cause no warning."""
     if event_kind.checks.looked_at == ():
         return True
     if event_kind.checks.good is None or event_kind.checks.good[:2] != (warnings, warnings.version):
         return False
-    if warnings.time is not None and event_kind.entries and None in group.times(warnings.time):
+    if not timed and warnings.time is not None and event_kind.entries and None in group.times(warnings.time):
         return False
     _, _, fields, known = event_kind.checks.good
     if not fields:

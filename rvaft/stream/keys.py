@@ -1,12 +1,12 @@
 """Event fields by path, keys, the monitors of each value of a key, and the ids of events that came."""
 
-from collections import deque
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Collection, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import blake2b
 from math import inf
 from operator import itemgetter
-from typing import Final, Self, TypeAlias
+from typing import Final, Self, TypeAlias, cast
 
 from rvaft.errors import OptionError, TooLarge
 from rvaft.model.values import Exact, Json, JsonObject, at, is_finite
@@ -224,6 +224,51 @@ class KeyedTraces:
         if self.lacking:
             lacking = f"{counted(self.lacking)} without the field {' or '.join(one.text for one in self.key.fields)}"
             yield f"{lacking}, not monitored (first: event {self.first_lacking})"
+
+
+class KeyedBatch:
+    """Events in order, of which many are counted for their keys at once.
+
+    `keys` and `numbers` are those of each event. If times count, `times` are those of the events, and `latest` the
+    maximum time of its key up to each. The traces of the events before the index `done` are known and counted.
+    """
+
+    def __init__(
+        self,
+        known: Mapping[tuple[Json, ...], MonitoredTrace | None],
+        keys: Sequence[tuple[Json, ...]],
+        numbers: Sequence[int],
+    ) -> None:
+        self.keys, self.numbers = keys, numbers
+        self.times: Sequence[int | None] = ()
+        self.latest: Sequence[int | None] = ()
+        self.done = 0
+        self._known = known
+        self._traces = list(map(known.get, keys))
+
+    def stops(self, late: Collection[int], start: int = 0) -> deque[int]:
+        """Return the indices, in order, of the first events of keys that are not known, and of those at places that
+        are late.
+        """
+        keys = self.keys
+        if start:
+            self._traces[start:] = map(self._known.get, keys[start:])
+        stops = {at for at in late if at >= start}
+        if None in self._traces[start:]:
+            first = dict(zip(reversed(keys[start:]), range(len(keys) - 1, start - 1, -1), strict=True))
+            stops.update(at for key, at in first.items() if key not in self._known)
+        return deque(sorted(stops))
+
+    def pass_to(self, end: int) -> Sequence[MonitoredTrace]:
+        """Count the events before an index for their keys, all of which are known, and return their traces."""
+        passed = self._traces[self.done : end]
+        if None in passed:
+            passed = [self._known[key] for key in self.keys[self.done : end]]
+        self.done = end
+        for trace, number in Counter(passed).items():
+            assert trace is not None, "each event has a key"
+            trace.events += number
+        return cast("Sequence[MonitoredTrace]", passed)
 
 
 DistinctState: TypeAlias = tuple[list[bytes], tuple[int, str], tuple[int, str], int, bool]

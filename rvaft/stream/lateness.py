@@ -4,13 +4,13 @@ Values of one type and layout that never fall have times that never fall. Then a
 it is late for the events before the batch, and few times must be parsed.
 """
 
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from itertools import chain, islice
 from math import inf
-from operator import attrgetter, eq, le, sub
+from operator import eq, le, sub
 from typing import Final, NamedTuple, TypeAlias, cast
 
 from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, Jump, TimeFormat
@@ -19,9 +19,15 @@ from rvaft.stream.listeners import MonitoredTrace
 
 WAITING: Final = 128
 """Maximum number of batches whose times the engines are not told yet."""
+MOST_WAITING: Final = 1 << 18
+"""Maximum number of events of keys whose times the engines are not told yet."""
 _ERROR: Final = 2.0**-48
 """More than the relative error of a difference of doubles that are rounded."""
 _LAYOUT: Final = str.maketrans("123456789", "000000000")
+
+
+Lines: TypeAlias = tuple[int, Sequence[int | None]]
+"""The lines of the events after a number, or ()."""
 
 
 class LateEvent(NamedTuple):
@@ -173,83 +179,83 @@ class MixedTimes:
 BatchLateness: TypeAlias = RisingTimes | MixedTimes
 
 
-@dataclass(slots=True)
-class KeyedBatch:
-    """Events of keys: their traces, as they are read, and their times; `before` is the number before the first.
-
-    `done` counts the events whose times their engines know.
-    """
-
-    traces: list[MonitoredTrace]
-    times: Sequence[int]
-    before: int
-    lines: Sequence[int | None]
-    done: int = 0
-
-    @property
-    def counts_lines(self) -> bool:
-        """Whether lines are the numbers of events."""
-        return not self.lines or self.lines == range(self.before + 1, self.before + len(self.times) + 1)
-
-
 class KeyedTimes:
-    """The times of events by key, while they never fall over all keys: then no event is late.
+    """The maximum times of keys up to events, which the engines of the keys are not told yet.
 
-    What an engine has to know of the times of its key is passed to it by `settle`, for many events at once.
+    `settle` tells an engine many of them at once.
     """
 
     def __init__(self) -> None:
         self.greatest: float = -inf
         """The maximum time over all keys."""
-        self._waiting: list[KeyedBatch] = []
+        self._waiting: list[tuple[Sequence[MonitoredTrace], Sequence[int], Sequence[int | None], Lines]] = []
+        """Batches of events: their traces, numbers and maximum times, and the lines after a number."""
+        self._count = 0
+        self._same_lines = True
+        """Whether all lines are the numbers of the events."""
+        self._grouped = 0
+        """The number of batches whose events are in the following columns."""
+        self._numbers: list[int] = []
+        self._latest: list[int | None] = []
+        self._places: defaultdict[MonitoredTrace, list[int]] = defaultdict(list)
+        """The places of the events of each trace in the columns."""
 
     def rises(self, times: Sequence[int | None]) -> bool:
-        """Whether times are those of a batch that can be added."""
+        """Whether these times never fall, over all keys: then no event is late."""
         if not times or None in times:
             return False
         known = cast("Sequence[int]", times)
         return all(map(le, chain((self.greatest,), known), known))
 
-    def add(self, times: Sequence[int | None], before: int, lines: Sequence[int | None]) -> list[MonitoredTrace]:
-        """Add the events after `before`, and return the list to which their traces have to be added."""
-        if len(self._waiting) >= WAITING:
+    def add(
+        self, traces: Sequence[MonitoredTrace], numbers: Sequence[int], latest: Sequence[int | None], lines: Lines
+    ) -> None:
+        """Add events of these traces, with the maximum time of its key up to each."""
+        self._waiting.append((traces, numbers, latest, lines))
+        before, known = lines
+        self._same_lines &= not known or known == range(before + 1, before + 1 + len(known))
+        self._count += len(traces)
+        if self._count > MOST_WAITING:
             self.settle()
-        batch = KeyedBatch([], cast("Sequence[int]", times), before, lines)
-        self._waiting.append(batch)
-        self.greatest = batch.times[-1]
-        return batch.traces
 
-    def settle(self) -> None:
-        """Pass the times of the events that were read to the engines of their keys."""
-        passed: dict[MonitoredTrace, list[int]] = {}
-        waiting, self._waiting = self._waiting, []
-        for batch in waiting:
-            first, done = batch.before + 1, batch.done
-            batch.done = len(batch.traces)
-            numbers, times = range(first + done, first + batch.done), batch.times[done : batch.done]
-            for trace, number, time in zip(batch.traces[done:], numbers, times, strict=True):
-                if trace in passed:
-                    passed[trace] += (number, time)
-                else:
-                    passed[trace] = [number, time]
-            if batch.done < len(batch.times):
-                self._waiting.append(batch)
-        line: Callable[[int], int | None] = partial(_line, waiting)
-        if all(batch.counts_lines for batch in waiting):
-            line = _no_line
-        for trace, found in passed.items():
-            trace.monitors.engines[0].pass_events(found[::2], found[1::2], line)
+    def latest(self, trace: MonitoredTrace) -> int | None:
+        """Return the maximum time of the events of a key."""
+        self._group()
+        return self._latest[self._places[trace][-1]] if trace in self._places else trace.monitors.engines[0].latest
+
+    def _group(self) -> None:
+        for traces, numbers, latest, _ in self._waiting[self._grouped :]:
+            for place, trace in enumerate(traces, len(self._latest)):
+                self._places[trace].append(place)
+            self._numbers += numbers
+            self._latest += latest
+        self._grouped = len(self._waiting)
+
+    def settle(self, only: MonitoredTrace | None = None) -> None:
+        """Tell the engines of all keys, or that of one, the times of their events."""
+        self._group()
+        line = _same_line if self._same_lines else self._line
+        if only is not None:
+            if only in self._places:
+                only.monitors.engines[0].pass_events(self._latest, self._numbers, self._places.pop(only), line)
+            return
+        for trace, places in self._places.items():
+            trace.monitors.engines[0].pass_events(self._latest, self._numbers, places, line)
+        for some in (self._waiting, self._numbers, self._latest, self._places):
+            some.clear()
+        self._count = self._grouped = 0
+        self._same_lines = True
+
+    def _line(self, number: int) -> int | None:
+        """Return the line of an event, or None if it is its number."""
+        at = bisect_right(self._waiting, number, key=lambda batch: batch[1][0])
+        before, lines = self._waiting[at - 1][3]
+        found = lines[number - before - 1] if lines else None
+        return None if found == number else found
 
 
-def _no_line(number: int) -> None:  # noqa: ARG001 (lines are the numbers of events)
+def _same_line(number: int) -> None:  # noqa: ARG001 (lines are the numbers of events)
     return None
-
-
-def _line(batches: Sequence[KeyedBatch], number: int) -> int | None:
-    """Return the line of an event of some batches, or None if it is its number."""
-    batch = batches[bisect_left(batches, number, key=attrgetter("before")) - 1]
-    found = batch.lines[number - batch.before - 1] if batch.lines else None
-    return None if found == number else found
 
 
 def lateness(

@@ -291,18 +291,26 @@ class MonitorSet:
             if changed := self._changed(*last[:2]):
                 return changed
         for one in events:
-            number, event, classes, _, watermark = one
-            if watermark is not None:
-                for engine in self.engines:
-                    engine.forget(watermark)
-            changed = self.step(event, number, classes, late=False)
-            if self.concerned:
-                noted.concerned.append(one)
-            if self.serves:
-                noted.served.append(one)
-            if changed:
+            if changed := self.step_one(one, noted):
                 return changed
         return ()
+
+    def step_one(self, one: BatchEvent, noted: Noted) -> Sequence[int]:
+        """As `step_all`, for one event."""
+        number, event, classes, _, watermark = one
+        if self._live == (0,) and self.engines and not self._strict:
+            if self._resting:
+                self.begin_again()
+            return () if self.engines[0].take_one(one, noted) is _UNKNOWN else self._changed(number, event)
+        if watermark is not None:
+            for engine in self.engines:
+                engine.forget(watermark)
+        changed = self.step(event, number, classes, late=False)
+        if self.concerned:
+            noted.concerned.append(one)
+        if self.serves:
+            noted.served.append(one)
+        return changed
 
     def reach(self, latest: int | None) -> None:
         """Set the maximum event time of all monitors."""

@@ -3,12 +3,13 @@
 A batch in which nothing can change is only counted; otherwise the events are taken one by one.
 """
 
+from bisect import bisect_right
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from datetime import datetime
 from heapq import heappop, heappush
-from itertools import count, repeat
+from itertools import chain, count, repeat
 from math import inf
 from operator import itemgetter, length_hint, methodcaller
 from typing import Any, Final, TypeAlias, cast
@@ -25,7 +26,7 @@ from rvaft.readers.log import Batch
 from rvaft.stream.bulk import EventGroup, Groups, changes_nothing, groups, needs_no_warning
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import counted
-from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedTraces
+from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedBatch, KeyedTraces
 from rvaft.stream.lateness import WAITING, BatchLateness, KeyedTimes, lateness, numbered_jumps
 from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange, time_told
 from rvaft.stream.order import Backwards, Ordering
@@ -359,7 +360,7 @@ class TraceRun:
 
     def _is_late(self, watch: MonitoredTrace, place: int, event: JsonObject) -> bool:
         """Whether an event of a key is late."""
-        self._keyed_times.settle()
+        self._keyed_times.settle(watch)
         engine = watch.monitors.engines[0]
         late = engine.is_late(event, *self._numbered(place))
         self._keyed_times.greatest = max(self._keyed_times.greatest, engine.latest or -inf)
@@ -396,7 +397,10 @@ class TraceRun:
 
     def pass_time(self, time: Json | datetime) -> None:
         """Tell all monitors that a time has come, which changes verdicts without an event."""
+        self._keyed_times.settle()
         self._tell(self.watches, methodcaller("pass_time", time), time_told(time))
+        known = (engine.latest for watch in self.watches for engine in watch.monitors.engines[:1])
+        self._keyed_times.greatest = max([self._keyed_times.greatest, *(one for one in known if one is not None)])
 
     def decide(self, time: int) -> None:
         """Tell all monitors a time in nanoseconds, of an event of another key, which makes no event late."""
@@ -461,14 +465,20 @@ class TraceRun:
         monitors, time = self.watch.monitors, self.plan.monitors.time
         if set(map(type, bodies)) != {dict}:
             return None
-        if keyed_by and {str} != {type(event.get(keyed_by)) for event in bodies}:
+        keys = list(zip([event.get(keyed_by) for event in bodies], strict=True)) if keyed_by else []
+        if keyed_by and {str} != set(map(type, chain.from_iterable(keys))):
             return None
         late: Collection[int] = () if self.times is None else self.times.late
-        passing, rises = list[int | None](), False
-        if self.keys is not None and monitors.may_be_late and time is not None:
-            passing = time.of_all(time.written_in(bodies))
-            rises = len(events) == block.total and self._keyed_times.rises(passing)
-            late = () if rises else self._late_of_keys(self.keys, events, passing)
+        of_keys = None
+        if self.keys is not None:
+            before = self.lines[0]
+            contiguous = len(events) == block.total
+            numbers = (
+                range(before + 1, before + 1 + block.total) if contiguous else [before + 1 + at for at, _ in events]
+            )
+            of_keys = KeyedBatch(self.keys.known, keys, numbers)
+        if of_keys is not None and monitors.may_be_late and time is not None:
+            late = self._timed(of_keys, time.of_all(time.written_in(bodies)))
         if late:
             found, bodies = None, [event for place, event in events if place not in late]
         if found is None:
@@ -476,8 +486,9 @@ class TraceRun:
         if found is None or (late and self.assumed is not None):
             return None
         concerned, stepped = list[EventGroup](), False
+        timed = of_keys is not None and bool(of_keys.times) and None not in of_keys.times
         for event_kind, group in found:
-            if not needs_no_warning(self.totals.data_warnings, group, event_kind):
+            if not needs_no_warning(self.totals.data_warnings, group, event_kind, timed=timed):
                 return None
             if self.assumed is not None and not self.assumed.is_kept(group):
                 return None
@@ -492,27 +503,36 @@ class TraceRun:
         if stepped:
             projects = monitors.semantics.projects
             some = [(kind, group) for kind, group in found if kind.relevant or (kind.serves and not projects)]
-            batch = self._batch(some, [one for one in events if one[0] not in late], rises=rises)
+            batch = self._batch(some, events, of_keys)
         elif self.clock is not None and concerned:
             self.clock.see_all(_numbered(concerned, events, self.lines[0]))
-        if self.keys is None:
+        if self.keys is None or of_keys is None:
             steps = self._steps(block, events, batch, turns=turns)
         else:
-            came = self._keyed_times.add(passing, *self.lines) if rises else None
-            steps = self._steps_of_keys(self.keys, events, passing, late, batch, came=came, turns=turns)
+            steps = self._steps_of_keys(self.keys, events, of_keys, late, batch, turns=turns)
         return self._counted(steps, found, events, late)
 
-    def _batch(self, some: Groups, events: Sequence[Placed], *, rises: bool) -> list[BatchEvent]:
-        """Return the events of some groups for the strategies, in order; those of keys have times that never fall."""
+    def _batch(self, some: Groups, events: Sequence[Placed], of_keys: KeyedBatch | None) -> list[BatchEvent]:
+        """Return the events of some groups for the strategies, in order."""
         first, time, times = self.lines[0] + 1, self.plan.monitors.time, self.times
+        if time is not None and of_keys is not None and of_keys.times:
+            allowed, classes = time.late or 0, dict[int, Sequence[EventClass]]()
+            for event_kind, group in some:
+                classes.update(dict.fromkeys(map(id, group.events), event_kind.classes))
+            of = classes.get
+            return [
+                (first + at, event, own, now, None if most is None else most - allowed)
+                for (at, event), now, most in zip(events, of_keys.times, of_keys.latest, strict=True)
+                if (own := of(id(event)))
+            ]
         about = dict[int, tuple[Sequence[EventClass], int | None]]()
         for event_kind, group in some:
             known = repeat(None) if time is None else group.times(time)
             about.update(zip(map(id, group.events), zip(repeat(event_kind.classes), known, strict=False), strict=False))
         find = about.get
-        if time is None or (times is None and not rises):
+        if time is None or times is None:
             return [(first + at, event, *found, None) for at, event in events if (found := find(id(event)))]
-        allowed, latest = time.late or 0, times.latest if times is not None else _itself
+        allowed, latest = time.late or 0, times.latest
         return [
             (first + at, event, *found, None if (most := latest(at, found[1])) is None else most - allowed)
             for at, event in events
@@ -558,71 +578,99 @@ class TraceRun:
                     event = known[place] if place in known or block.times is None else block.times.event(place)
                     self._note_late(self.watch, place, event)
 
-    def _late_of_keys(self, keys: KeyedTraces, events: Sequence[Placed], times: Sequence[int | None]) -> set[int]:
-        """Return the places of the events with these times that are late for their keys."""
-        self._keyed_times.settle()
-        (name,), time = keys.names, self.plan.monitors.time
-        latest, late, allowed = dict[Json, int | None](), set[int](), 0 if time is None else time.late or 0
-        for (place, event), now in zip(events, times, strict=True):
-            value = event[name]
-            if value not in latest:
-                watch = keys.known.get((value,)) or keys.find((value,))
-                latest[value] = None if watch is None else watch.monitors.engines[0].latest
-            before = latest[value]
-            if now is not None and (before is None or now > before):
-                latest[value] = now
-            elif now is not None and before is not None and before - now > allowed:
-                late.add(place)
+    def _timed(self, batch: KeyedBatch, times: Sequence[int | None]) -> set[int]:
+        """Add these times of its events to a batch, and return the places of those that are late."""
+        batch.times = batch.latest = times
+        if self._keyed_times.rises(times):
+            self._keyed_times.greatest = cast("int", times[-1])
+            return set()
+        assert self.keys is not None, "only keys have times of their own"
+        time, known, latest_at, late = (
+            self.plan.monitors.time,
+            dict[KeyValues, int | None](),
+            list[int | None](),
+            set[int](),
+        )
+        allowed = 0 if time is None else time.late or 0
+        for place, (key, now) in enumerate(zip(batch.keys, times, strict=True)):
+            if key not in known:
+                watch = self.keys.known.get(key) or self.keys.find(key)
+                known[key] = None if watch is None else self._keyed_times.latest(watch)
+            latest = known[key]
+            if now is not None:
+                if latest is None or now > latest:
+                    known[key] = latest = now
+                elif latest - now > allowed:
+                    late.add(place)
+            latest_at.append(latest)
+        batch.latest = latest_at
         self._keyed_times.greatest = max([self._keyed_times.greatest, *(one for one in times if one is not None)])
         return late
+
+    def _pass(self, batch: KeyedBatch, end: int) -> None:
+        """Count the events of a batch before an index for their keys, and note their times."""
+        start, traces = batch.done, batch.pass_to(end)
+        numbers = batch.numbers[start:end]
+        if batch.latest and traces:
+            self._keyed_times.add(traces, numbers, batch.latest[start:end], self.lines)
+        else:
+            for trace, number, time in zip(traces, numbers, batch.times[start:end], strict=False):
+                trace.monitors.engines[0].pass_event(time, *self._numbered(number - self.lines[0] - 1))
 
     def _steps_of_keys(
         self,
         keys: KeyedTraces,
         events: Sequence[Placed],
-        times: Sequence[int | None],
+        of_keys: KeyedBatch,
         late: Collection[int],
         batch: Sequence[BatchEvent],
         *,
-        came: list[MonitoredTrace] | None,
         turns: bool,
     ) -> Iterator[int]:
         """Step over a batch, which has no late events, with the monitors of keys.
 
-        `times` are those of all events, which the monitors are told, or the traces of events are added to `came`.
+        Besides these events, only the late ones and the first of each key are looked at one by one.
         """
-        (name,), known, first = keys.names, keys.known, self.lines[0] + 1
-        coming, noted = iter(batch), Noted([], [])
-        following = next(coming, None)
-        due = 0 if following is None else following[0]
+        (name,), known, numbers, noted = keys.names, keys.known, of_keys.numbers, Noted([], [])
+        stops = of_keys.stops(late)
         try:
-            for (place, event), time in zip(events, times or repeat(None), strict=False):
-                number, watch = first + place, known.get((event[name],))
-                if watch is None:
-                    self.number = number
-                    if turns:
-                        yield number
-                    watch = keys.of(event, number)
-                    assert watch is not None, "each event has a key"
-                watch.events += 1
-                if came is not None:
-                    came.append(watch)
-                elif time is not None:
-                    watch.monitors.engines[0].pass_event(time, *self._numbered(place))
+            for one in chain(batch, (None,)):
+                while stops and (one is None or numbers[stops[0]] <= one[0]):
+                    at = stops.popleft()
+                    place, event = events[at]
+                    self._pass(of_keys, at)
+                    if of_keys.keys[at] not in known:
+                        self.number, forgotten = numbers[at], keys.forgotten
+                        if turns:
+                            yield self.number
+                        keys.of(event, self.number)
+                        if keys.forgotten > forgotten:
+                            of_keys.latest = ()
+                            stops = of_keys.stops(late, at + 1)
                     if place in late:
+                        self._pass(of_keys, at + 1)
+                        watch = known[of_keys.keys[at]]
+                        assert watch is not None, "each event has a key"
+                        self._keyed_times.settle(watch)
                         self._note_late(watch, place, event)
-                if number != due or following is None:
-                    continue
-                self.number = number
-                changed = watch.monitors.step_all(iter((following,)), noted)
-                following = next(coming, None)
-                due = 0 if following is None else following[0]
+                if one is None:
+                    break
+                self.number = number = one[0]
+                watch = known[one[1][name],]
+                assert watch is not None, "each event has a key"
+                try:
+                    changed = watch.monitors.step_one(one, noted)
+                except TooLarge:
+                    self._pass(of_keys, bisect_right(numbers, number))
+                    raise
                 if changed:
+                    self._pass(of_keys, bisect_right(numbers, number))
                     if turns:
                         yield number
                     self._remember(noted.served)
                     noted = Noted(noted.concerned, [])
-                    self.notify(VerdictChange(watch, number, event, changed, self.line_of(number)))
+                    self.notify(VerdictChange(watch, number, one[1], changed, self.line_of(number)))
+            self._pass(of_keys, len(events))
         except TooLarge:
             if turns:
                 yield self.number
@@ -819,10 +867,6 @@ class TraceRun:
         for part in (self.keys, self.clock, self.ordering, self.distinct):
             if part is not None:
                 yield from part.warnings
-
-
-def _itself(_place: int, time: int | None) -> int | None:
-    return time
 
 
 def _numbered(some: Iterable[EventGroup], events: Iterable[Placed], before: int) -> list[Placed]:

@@ -3,6 +3,10 @@
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Final
+
+RARE: Final = 50_000
+"""The number of new objects after which rare collections look at these."""
 
 
 @contextmanager
@@ -15,6 +19,22 @@ def no_collections() -> Iterator[None]:
     finally:
         if was_enabled:
             gc.enable()
+
+
+@contextmanager
+def rare_collections() -> Iterator[None]:
+    """Exempt the present objects from collections and make these rare, as while a log is monitored: events live
+    briefly, monitors live long, and few objects are cyclic garbage.
+    """
+    thresholds = gc.get_threshold()
+    gc.freeze()
+    if thresholds[0]:
+        gc.set_threshold(RARE, *thresholds[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*thresholds)
+        gc.unfreeze()
 
 
 def exempt_all() -> None:

@@ -63,7 +63,10 @@ def readable_json(value: object, *, indent: int | None = None) -> str:
     >>> print(readable_json({"é": "\x1b\x9b\u202e"}))
     {"é": "\u001b\u009b\u202e"}
     """
-    return escaped_json(json.dumps(value, ensure_ascii=False, indent=indent))
+    return escaped_json(_encode(value) if indent is None else json.dumps(value, ensure_ascii=False, indent=indent))
+
+
+_encode: Final = json.JSONEncoder(ensure_ascii=False).encode  # as `json.dumps`, which makes an encoder each time
 
 
 def inert(text: str) -> str:

@@ -675,3 +675,30 @@ def test_events_that_change_nothing_are_taken_at_once(
         status = main(arguments, standalone_mode=False)
         told.append((status, capsys.readouterr()))
     assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("by_blocks", [False, True])
+def test_a_time_that_was_told_makes_earlier_events_of_known_keys_late(*, by_blocks: bool) -> None:
+    tree = loads('time at as s late 1 s; event e(v) = { kind: "k", value: v }; top sand a b; a on e(1); b on e(2);')
+    first: list[dict[str, Any]] = [{"kind": "k", "value": 3, "at": n, "u": "a"} for n in range(40)]
+    plan = plan_of(tree, "scattered", key=Key.parse(["u"]))
+    run = TraceRun(plan, "log", [], run_of(plan, Told()).totals, buffer=EventBuffer())
+    for _ in range(2):  # the second batch is known to cause no warning
+        list(pipeline.read([run], io.BytesIO(lines(first).encode()), "log", by_blocks=by_blocks))
+        first = [{**event, "at": 40 + event["at"]} for event in first]
+    run.pass_time(1_000)
+    later = [{**event, "at": 80 + n, "u": "a" if n % 2 else "b"} for n, event in enumerate(first)]
+    list(pipeline.read([run], io.BytesIO(lines(later).encode()), "log", by_blocks=by_blocks))
+    found = run.totals.data_warnings.found
+    assert [one.count for (doubt, _), one in found.items() if doubt is Doubt.LATE] == [20]
+
+
+def test_a_wrong_line_among_irrelevant_ones_ends_a_log_with_lateness() -> None:
+    tree = loads('time at as s late 1 s; event e(v) = { kind: "k", value: v }; top sand a b; a on e(1); b on e(2);')
+    text = lines([{"kind": "k" if n % 9 == 0 else "w", "value": 1, "at": n} for n in range(60)])
+    wrong = '{"kind": "k", "value": 1, "value": 2, "at": 60}\n'
+    run = run_of(plan_of(tree, "scattered"), Told())
+    with pytest.raises(TraceError, match="value"):
+        list(pipeline.read([run], io.BytesIO((text + wrong + text).encode()), "log"))
+    assert run.number == 60
+    assert run.watch.monitors.engines[0].latest == 59 * 10**9

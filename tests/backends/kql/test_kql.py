@@ -243,5 +243,5 @@ TYPED += "assume types, present, case, order 0 s; "
 )
 def test_events_at_one_time_are_told_apart_by_their_values(tree: str, rows: list[str], detected: list[int]) -> None:
     program = KqlProgram(backend("kql").translate(loads(TYPED + tree), Semantics.SCATTERED).text)
-    table = [{"trace": "", "pos": int(a), "time": int(a), "who": b, "what": c} for a, b, c in rows]
+    table = [{"trace": "", "pos": int(one[0]), "time": int(one[0]), "who": one[1], "what": one[2]} for one in rows]
     assert sorted({row["detected"] for row in program.query.of(table)}) == detected

@@ -48,6 +48,12 @@ ELSEWHERE: Final = {
     "4.8 passing time": "tests/cli/test_deadlines.py",
 }
 """Sections about more than the verdicts of one monitor on one trace, and where they are tested."""
+LEGEND: Final = (
+    "Cases of each section of docs/semantics.md with verdicts written by hand, and how many of them each participant",
+    "has right. It owes no verdict for a tree that it does not express, nor for a trace that it leaves open. A - is",
+    "none, each ! a wrong one. A language takes part if its texts can be run here. A fault is a participant that was",
+    "given another tree: it is found if a verdict is wrong.",
+)
 TRIES: Final = 8
 """Cases on which a participant with a fault is tried."""
 Found = Mapping[str, str]
@@ -150,7 +156,7 @@ def page(names: Sequence[str], every: Sequence[Section]) -> tuple[list[str], boo
     with ProcessPoolExecutor(os.cpu_count() or 1) as pool:
         results = pool.map(partial(judged, names), cases, chunksize=8)
         faults = pool.map(partial(planted, names[1:], cases), MISTAKES)
-        rows = [("SECTION", "CASES", *names, "")]
+        rows = [("SECTION", "ABOUT", "CASES", *names)]
         wrong = 0
         for section in every:
             counts = {name: Counter(dict[str, int]()) for name in names}
@@ -159,16 +165,21 @@ def page(names: Sequence[str], every: Sequence[Section]) -> tuple[list[str], boo
                     counts[name][one] += 1
             wrong += sum(count["wrong"] for count in counts.values())
             cells = (f"{count['right'] or '-'}{'!' * count['wrong']}" for count in counts.values())
-            rows.append((section.numbers, str(len(section.cases)), *cells, section.title))
+            rows.append((section.numbers, section.title, str(len(section.cases)), *cells))
         found = dict(zip(MISTAKES, faults, strict=True))
     seen = [mistake for mistake, (there, _) in found.items() if there]
     shown = [f"{len(seen)}/{len(found)}"]
     for name in names[1:]:
         told = [one[name] for _, one in found.values() if name in one]
         shown.append(f"{told.count('right')}/{len(told)}" if told else "-")
-    rows.append(("faults", str(len(found)), *shown, "found, of those that change a tree it expresses"))
-    lines = [*columns(rows), ""]
-    lines += [f"{what}: {where}" for what, where in ELSEWHERE.items()]
+    rows.append(("faults", "found, of those that change a tree it has", str(len(found)), *shown))
+    lines = [*LEGEND, "", *columns(rows), ""]
+    lines.append(f"{wrong} wrong verdicts" if wrong else "every verdict that is owed is right")
+    missed = {name: [one for one, (_, who) in found.items() if who.get(name) == "wrong"] for name in names[1:]}
+    lines += [
+        f"not found of {name}, in up to {TRIES} cases: {', '.join(some)}" for name, some in missed.items() if some
+    ]
+    lines += ["", "Tested elsewhere:", *(f"  {what}: {where}" for what, where in ELSEWHERE.items())]
     if unseen := [mistake for mistake in MISTAKES if mistake not in seen]:
         lines += ["", f"faults that no case shows: {', '.join(unseen)}"]
     return lines, not wrong

@@ -176,9 +176,7 @@ def page(names: Sequence[str], every: Sequence[Section]) -> tuple[list[str], boo
     lines = [*LEGEND, "", *columns(rows), ""]
     lines.append(f"{wrong} wrong verdicts" if wrong else "every verdict that is owed is right")
     missed = {name: [one for one, (_, who) in found.items() if who.get(name) == "wrong"] for name in names[1:]}
-    lines += [
-        f"not found of {name}, in up to {TRIES} cases: {', '.join(some)}" for name, some in missed.items() if some
-    ]
+    lines += [f"not found of {name} in {TRIES} cases: {', '.join(some)}" for name, some in missed.items() if some]
     lines += ["", "Tested elsewhere:", *(f"  {what}: {where}" for what, where in ELSEWHERE.items())]
     if unseen := [mistake for mistake in MISTAKES if mistake not in seen]:
         lines += ["", f"faults that no case shows: {', '.join(unseen)}"]

@@ -198,6 +198,10 @@ class EqlText:
                 (leaf.event for leaf in self._orders.groups.get(event, (GuardedEvent(event),)))
                 for event in scenario.events
             )
+            if clause.side is Side.BEFORE and clause.duration is not None:
+                self._refuse(
+                    node, "`until` ends a sequence that has begun; `--missing-events` may write it for Elastic"
+                )
             if clause.side is not Side.DURING:
                 self._refuse(
                     node, "`until` ends a sequence that has begun, and is not written for events before and after it"

@@ -81,7 +81,7 @@ class EqlBackend(Backend):
         They are for Elasticsearch: the package `eql` does not have them.
         """
         if {*mapping} != {"missing_events"} or not isinstance(mapping["missing_events"], bool):
-            raise OptionError('eql takes {"missing_events": true}, and no other mapping')
+            raise OptionError("eql takes no mapping of fields")
         twin = copy(self)
         vars(twin)["_missing"] = mapping["missing_events"]
         return twin

@@ -263,8 +263,7 @@ def no_texts_of_several(example: Example, semantics: Semantics) -> bool:
 
 def without_variables(example: Example, semantics: Semantics) -> bool:  # noqa: ARG001 -- a `Required`
     """Require every tree without variables, also of counted events, and times."""
-    own = any(node.own_values for node in example.tree.top_down())
-    return not (example.tree.variables or own) and example.tree.time is None
+    return not (example.tree.variables or _has_own_values(example.tree)) and example.tree.time is None
 
 
 def without_variables_or_determinate(example: Example, semantics: Semantics) -> bool:
@@ -275,8 +274,12 @@ def without_variables_or_determinate(example: Example, semantics: Semantics) -> 
     if asks_of_strings(example.tree, semantics) or example.tree.time is not None or any(_some_items(example.tree)):
         return False
     anywhere = semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
-    own = any(node.own_values for node in example.tree.top_down())
-    return without_variables(example, semantics) or (example.determinate and not anywhere and not own)
+    determinate = example.determinate and not anywhere and not _has_own_values(example.tree)
+    return without_variables(example, semantics) or determinate
+
+
+def _has_own_values(tree: RVAFT) -> bool:
+    return any(node.own_values for node in tree.top_down())
 
 
 def scattered_by_single_events(example: Example, semantics: Semantics) -> bool:

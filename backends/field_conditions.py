@@ -142,10 +142,8 @@ class FieldConditions(ABC):
 
     def guard(self, guard: Guard, paths: Mapping[str, str]) -> str:
         """Return a condition that is true exactly when the guard holds."""
-        sorts = {name: self.declared.sort_of(way) for name, way in self._ways.items()}
-        present = [name for name, way in self._ways.items() if way in self.declared.present]
         return spelled(
-            TruthConditions(sorts=sorts, present=present).of(guard),
+            TruthConditions.declared(self.declared, self._ways).of(guard),
             lambda test: self.test(test, paths),
             lambda every, parts: self.all(parts) if every else self.any(parts),
         )

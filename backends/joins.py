@@ -181,7 +181,8 @@ class JoinedScenario:
         """Return the local variables whose values guards demand to be different for each two events, if they do."""
         if not pairs:
             return ()
-        columns = {new: [{new: old for old, new in some.items()}[new] for some in names] for new in names[0].values()}
+        local = [{new: old for old, new in some.items()} for some in names]
+        columns = {new: [some[new] for some in local] for new in local[0]}
         shared = {name for guard in pairs for name in variables(guard)}
         distinct = tuple(new for new, olds in columns.items() if shared.intersection(olds))
         expected = set[Guard]()

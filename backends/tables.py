@@ -119,7 +119,7 @@ class TableHeader(NamedTuple):
             raise OptionError(f"two fields have the column {twice}: name their columns")
         if prop.time is None or not table.time:
             timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
-            if prop.time is not None and (timed or any(one.duration is not None for one in prop.absences)):
+            if prop.time is not None and (timed or prop.times_absences):
                 raise OptionError(
                     f"the tree compares times: name the column of {'.'.join(prop.time.field)} as the time"
                 )

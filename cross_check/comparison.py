@@ -34,7 +34,9 @@ from cross_check.participants import (
     engine_of,
     faithful_backends,
     handwritten,
+    leaves_open,
     reference_of,
+    relied_on,
     reports_detections_only,
     translated,
 )
@@ -314,18 +316,12 @@ class _Row:
         return one is not None and reports_detections_only(one)
 
     def leaves_open(self, trace: Trace) -> str:
-        if self.assumes and (broken := first_violation(self.tree, trace, self.assumes)) is not None:
-            return f"it breaks the assumption '{broken.assumption}'"
-        left_open = None if self.participant is None else self.participant.left_open
-        return "" if left_open is None else left_open(trace)
+        return leaves_open(self.participant or self.outside, self.tree, trace)
 
     @property
     def assumes(self) -> frozenset[Assumption]:
         """The assumptions that its text relies on."""
-        source = self.participant or self.outside
-        known = None if source is None else source.specification
-        own = frozenset() if self.participant is None else self.participant.assumes
-        return own if known is None else own | known.assumes
+        return relied_on(self.participant or self.outside)
 
     def judge(self, judged: Sequence[tuple[Trace, Answer]], answers: Sequence[Answer]) -> None:
         for (trace, wanted), answer in zip(judged, answers, strict=True):

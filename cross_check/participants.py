@@ -23,6 +23,7 @@ from rvaft.core.scenarios import LIMIT
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.language.printer import dumps
+from rvaft.model.assumptions import first_violation
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import Guard
@@ -193,7 +194,7 @@ def times_matter(tree: RVAFT) -> bool:
     if tree.time is None:
         return False
     prop = property_of(tree)
-    return tree.time.late is not None or prop.timed or any(one.duration is not None for one in prop.absences)
+    return tree.time.late is not None or prop.timed or prop.times_absences
 
 
 def observed_by(tree: RVAFT) -> tuple[Observed, ...]:
@@ -303,6 +304,21 @@ def reports_detections_only(one: Enlisted) -> bool:
             return only
         case Absent():
             return False
+
+
+def relied_on(one: Participant | Outside | None) -> frozenset[Assumption]:
+    """Return the assumptions on which the text of a participant relies."""
+    known = None if one is None else one.specification
+    own = one.assumes if isinstance(one, Participant) else frozenset[Assumption]()
+    return own if known is None else own | known.assumes
+
+
+def leaves_open(one: Participant | Outside | None, tree: RVAFT, trace: Sequence[Json]) -> str:
+    """Return why a participant owes no verdict on a trace, or an empty text."""
+    assumes = relied_on(one)
+    if assumes and (broken := first_violation(tree, trace, assumes)) is not None:
+        return f"it breaks the assumption '{broken.assumption}'"
+    return one.left_open(trace) if isinstance(one, Participant) and one.left_open is not None else ""
 
 
 def detected(trace: Sequence[Json], first: int | None) -> tuple[Verdict, ...]:

@@ -4,12 +4,9 @@ import pkgutil
 import subprocess
 import sys
 
-import pytest
-
 import backends
 import cross_check
 import rvaft
-from rvaft.backend import all_backends
 
 PACKAGES = (rvaft, backends, cross_check)
 MODULES = sorted(
@@ -37,28 +34,7 @@ for module in sys.argv[1:]:
 sys.exit("\\n".join(found) or 0)
 """
 
-EMITTING = """
-import sys
-from rvaft.cli import main
-sys.argv = ["rvaft", "emit", *sys.argv[1:], "-o", "/dev/null"]
-try:
-    main()
-except SystemExit as ended:
-    assert not ended.code
-print(*(name for name, one in sys.modules.items() if name.startswith(("rvaft.", "backends."))))
-"""
-FOREIGN = ("rvaft.engine", "rvaft.stream", "rvaft.readers", "rvaft.reports", "rvaft.integrations", "rvaft.semantics")
-DRAWINGS = {f"rvaft.export.{name}" for name in ("layout", "dot", "svg", "tikz", "drawing")}
-
 
 def test_no_import_goes_round_in_a_circle() -> None:
     done = subprocess.run([sys.executable, "-c", IN_A_CIRCLE, *MODULES], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize("language", [name for name in all_backends() if name not in ("c", "rml-paper")])
-def test_emit_imports_no_engine_no_reader_of_logs_and_no_drawing(language: str) -> None:
-    command = [sys.executable, "-c", EMITTING, "trees/gates/sand.rvaft", "--to", language, "--semantics", "scattered"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    loaded = done.stdout.split()
-    assert [name for name in loaded if name.startswith(FOREIGN) or name in DRAWINGS] == []

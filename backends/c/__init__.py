@@ -22,7 +22,6 @@ from backends.c.translation import translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
 from rvaft.core.property import Condition, EndInOrder, Part, Property, Times, Within, Without
-from rvaft.engine.selection import require_shared
 from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern
@@ -91,7 +90,7 @@ class CBackend(Backend):
         if self._use.by is not None or stated is None:
             return self._use
         try:
-            require_shared(prop, stated, semantics)
+            prop.require_shared(stated, semantics)
         except OptionError:
             return replace(self._use, repeats=False)
         return replace(self._use, by=stated)

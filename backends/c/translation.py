@@ -7,7 +7,6 @@ from backends.c.unit_tables import UnitTables, tables_of
 from backends.c.unit_text import FrontWriter, UnitWriter
 from rvaft.core.passes import Pass, decide_constants, expand_times, order_ends, simplify, windows_to_guards
 from rvaft.core.property import Property
-from rvaft.engine.selection import require_shared
 from rvaft.engine.units import units
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.nodes import Side
@@ -23,7 +22,7 @@ def translation(prop: Property, semantics: Semantics, limit: int, use: Use) -> W
     Raises `NotExpressible`, `TooLarge`, and `OptionError` for matches that cannot be repeated by a variable.
     """
     if use.by is not None:
-        require_shared(prop, use.by, semantics)
+        prop.require_shared(use.by, semantics)
     if use.key and semantics is not Semantics.SCATTERED:
         raise NotExpressible(unwritten("a key of the events needs `scattered`"))
     if semantics is Semantics.SCATTERED and (apart := _unit_tables(prop, limit, use.by)) is not None:

@@ -81,7 +81,9 @@ class EqlBackend(Backend):
         They are for Elasticsearch: the package `eql` does not have them.
         """
         if {*mapping} != {"missing_events"} or not isinstance(mapping["missing_events"], bool):
-            raise OptionError("eql takes no mapping of fields")
+            raise OptionError(
+                "eql takes no mapping of fields, and no other mapping than of `missing_events` to a truth value"
+            )
         twin = copy(self)
         vars(twin)["_missing"] = mapping["missing_events"]
         return twin

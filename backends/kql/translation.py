@@ -141,7 +141,7 @@ class KqlQuery:
         self.absent = {clause: place for place, clause in enumerate(prop.absences, len(prop.events) + 1)}
         self.deciding = len(prop.events) + len(prop.absences) + 1
         """The number of the rows that decide a clause `after`."""
-        self.timed = any(one.times for one in self.scenarios) or any(one.duration is not None for one in self.absent)
+        self.timed = any(one.times for one in self.scenarios) or prop.times_absences
         self.lets: dict[str, str] = {}
         """The names of the queries of events, by query."""
         variables = (name for one in self.scenarios for name in one.binders if name not in one.times)

@@ -56,9 +56,7 @@ class EventRule:
         self._valued = ""
         self._pattern(pattern)
         self._further: dict[str, Selection] = {}
-        sorts = {name: known.sort_of(way) for name, way in self.fields.items()}
-        present = [name for name, way in self.fields.items() if way in known.present]
-        conditions = [TruthConditions(sorts=sorts, present=present).of(guard) for guard in guards]
+        conditions = [TruthConditions.declared(known, self.fields).of(guard) for guard in guards]
         self._condition = self._all(conditions)
         if not self.selection:  # Sigma has no empty selection
             self.selection[f"{self._valued}|exists"] = True

@@ -30,7 +30,7 @@ from backends.joins import COUNTED, LONGEST, JoinedScenario, joined_scenarios, v
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
-from backends.sql.windows import CountedLeaf, NearestAbsence, Queries
+from backends.sql.windows import CountedLeaf, NamedTables, NearestAbsence
 from backends.tables import Table, time_line
 from rvaft.backend import Metrics
 from rvaft.core.overlaps import compatible
@@ -124,14 +124,14 @@ class SqlQuery:
         """Whether the table is one log."""
         self.tables: dict[str, str] = {}
         """Table names by query."""
-        self._queries = Queries(self._table, dialect, () if self.untraced else ("trace",))
+        self._queries = NamedTables(self._table, dialect, () if self.untraced else ("trace",))
         self._columns_of: dict[str, list[str]] = {}
         """The columns of the tables of events."""
         self._known_tables = Counter[str]()
         """The number of tables by the letters of their names."""
         self.late = None if prop.time is None else prop.time.late
         self.timed = any(untimed(event.pattern)[1] is not None for event in prop.events)
-        self.timed |= any(clause.duration is not None for clause in prop.absences)
+        self.timed |= prop.times_absences
         time = prop.tree.time
         self.lateness = None if time is None else 0 if ordered and time.late is None else time.late
         """The D of `late`, or of the assumption that no event is late."""

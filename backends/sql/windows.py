@@ -14,7 +14,7 @@ from rvaft.model.nodes import Side
 
 
 @dataclass(frozen=True)
-class Queries:
+class NamedTables:
     """The tables of a query: `named` returns the name of a table by its query and the beginning of the name."""
 
     named: Callable[[str, str], str]
@@ -46,7 +46,7 @@ def over(keys: Sequence[str], order: str = "pos", frame: str = "") -> str:
 class CountedLeaf:
     """A counted leaf: the table and the columns of its events, those of the shared and of the different values."""
 
-    queries: Queries
+    queries: NamedTables
     count: CountedEvents
     events: str
     columns: Sequence[str]
@@ -138,7 +138,7 @@ class NearestAbsence:
     the table of all events with a time. Times of events are at most `lateness` behind earlier ones.
     """
 
-    queries: Queries
+    queries: NamedTables
     clause: Without
     number: int
     absent: str

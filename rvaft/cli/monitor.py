@@ -23,7 +23,7 @@ from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
 from rvaft.model.patterns import match
-from rvaft.model.tree import RVAFT, resolve_semantics
+from rvaft.model.tree import RVAFT, resolve_repetition, resolve_semantics
 from rvaft.model.values import has_surrogate
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import DEFAULT_LIMIT, Monitor
@@ -272,8 +272,7 @@ def _check_traces(given: dict[str, Any], traces: "TracesGiven", engine: QueryEng
 
 def _repeat_by(tree: RVAFT, given: Mapping[str, Any]) -> str | None:
     """Return the variable by which the monitor of a tree or part is repeated."""
-    by: str | None = given["repeat_by"]
-    return by if by is not None else tree.repeat_by if given["repeat"] else None
+    return resolve_repetition(tree, given["repeat_by"], repeat=given["repeat"])
 
 
 def _check_repetition(given: Mapping[str, Any], trees: Iterable[RVAFT]) -> None:

@@ -7,8 +7,9 @@ and for false are derived separately. A backend only spells the tests.
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final, TypeAlias, TypeVar
+from typing import Final, Self, TypeAlias, TypeVar
 
+from rvaft.model.assumptions import Declared, Path
 from rvaft.model.guards import (
     ARITHMETIC,
     COMPARISONS,
@@ -117,6 +118,12 @@ class TruthConditions:
         self._times, self._is_whole, self._sorts = frozenset(times), is_whole, sorts or {}
         self._present = present
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
+
+    @classmethod
+    def declared(cls, known: Declared, ways: Mapping[str, Path]) -> Self:
+        """Return the conditions of guards over variables at these paths of an event, of which something is declared."""
+        present = [name for name, way in ways.items() if way in known.present]
+        return cls(sorts={name: known.sort_of(way) for name, way in ways.items()}, present=present)
 
     def of(self, guard: Guard, *, wanted: bool = True) -> TruthCondition:
         """Return a condition that holds exactly where the guard has the truth value `wanted`."""

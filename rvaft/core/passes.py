@@ -499,8 +499,7 @@ def _bind_times(prop: Property, _: int) -> Property:
 
     made = prop.with_root(prop.root).rewritten(change)
     late = prop.time is not None and prop.time.late is not None
-    absent = any(clause.duration is not None for clause in prop.absences)
-    return replace(made, time=prop.time if names or late or absent else None)
+    return replace(made, time=prop.time if names or late or prop.times_absences else None)
 
 
 bind_times: Final = Pass("bind_times", frozenset(), _bind_times)

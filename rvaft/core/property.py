@@ -11,12 +11,15 @@ from functools import cached_property
 from typing import Any, Final, NamedTuple, Self, TypeAlias, assert_never
 from weakref import WeakValueDictionary
 
+from rvaft.errors import OptionError
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Guard, time_points, variables
 from rvaft.model.nodes import Assumption, Kind, Relevant, Side
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT, sorted_topologically
+from rvaft.model.verdict import Semantics
+from rvaft.support.wording import did_you_mean
 
 
 class Source(NamedTuple):
@@ -255,6 +258,11 @@ def variables_in(part: Part) -> tuple[str, ...]:
             assert_never(part)
 
 
+def unrepeatable(variable: str, why: str) -> str:
+    """Return the sentence that matches cannot be repeated by a variable."""
+    return f"matches cannot be repeated by {variable}: {why}; a match has one {variable} from its first event on"
+
+
 class Ignored(NamedTuple):
     """A pattern of events that are never relevant; its variables are local."""
 
@@ -321,16 +329,36 @@ class Property:
             isinstance(part, Within) or (isinstance(part, Condition) and time_points(part.guard)) for part in self.parts
         )
 
-    def events_without(self, variable: str) -> Iterator[Event | Times]:
-        """Yield the events whose pattern does not bind a variable to one value for the match."""
+    def lacking(self, variable: str) -> Iterator[tuple[str, str]]:
+        """Yield the nodes whose events do not bind a variable to one value for the match, each with the reason."""
         for part in reversed(self.parts):
             if isinstance(part, Event | Times) and variable not in rigid_variables(part.pattern):
-                yield part
+                node = part.source.node
+                own = variable in self.tree.nodes[node].own_values
+                yield node, f"each event of {node} has its own" if own else f"the event of {node} does not bind it"
+
+    def require_shared(self, name: str, semantics: Semantics) -> None:
+        """Raise `OptionError` unless every event binds a variable, under `scattered`."""
+        if semantics is not Semantics.SCATTERED:
+            raise OptionError(f"repetition by {name} needs the semantics scattered, not {semantics}")
+        tree = self.tree if self.tree.part_of is None else self.tree.part_of.tree
+        if name not in (*tree.variables, *(one for node in tree.top_down() for one in node.own_values)):
+            guess = did_you_mean(name, tree.variables) or ": no event of a node binds it"
+            raise OptionError(
+                f"matches cannot be repeated by {name or 'an empty name'}, no variable of the tree{guess}"
+            )
+        for _, why in self.lacking(name):
+            raise OptionError(unrepeatable(name, why))
 
     @cached_property
     def absences(self) -> tuple[Without, ...]:
         """The events that must be absent."""
         return tuple(part for part in self.parts if isinstance(part, Without))
+
+    @property
+    def times_absences(self) -> bool:
+        """Whether an event must be absent for a duration."""
+        return any(one.duration is not None for one in self.absences)
 
     @property
     def feasible(self) -> bool:

@@ -56,7 +56,7 @@ from rvaft.model.patterns import rigid_variables
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation, Pending, twin
-from rvaft.support.budget import Effort
+from rvaft.support.budget import StepWork
 
 INSTANCES: Final = 20
 """The number of instances for each partial match that the limit allows."""
@@ -109,7 +109,7 @@ class LatestStarts(Strategy):
     def __init__(self, prop: Property, found: Sequence[Unit], *, limit: int) -> None:
         self.prop = prop
         self.limit = limit
-        self._effort = Effort(limit)
+        self._effort = StepWork(limit)
         late = None if prop.time is None else prop.time.late
         self.runs = tuple([self._run(unit, ordered=late == 0) for unit in found])
         self._added, self._most_added = 0, limit
@@ -376,7 +376,7 @@ class LatestStarts(Strategy):
         return self._detected
 
     @property
-    def effort(self) -> Effort:
+    def effort(self) -> StepWork:
         """The work of the present step."""
         return self._effort
 

@@ -8,11 +8,11 @@ from typing import Any, Final, Self
 from rvaft.core.passes import property_of
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, TreeLetters
 from rvaft.engine.explanation import together
-from rvaft.engine.selection import require_shared, strategy_of
+from rvaft.engine.selection import strategy_of
 from rvaft.engine.strategy import BatchEvent, Noted, Strategy
 from rvaft.errors import OptionError
 from rvaft.model.event_time import JUMPS, Jump
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, resolve_repetition
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, DEFAULT_LIMIT, Ended, Explanation, Monitor, Pending, twin
@@ -59,7 +59,7 @@ class Engine(Monitor):
         if strategy is None:
             prop = property_of(tree)
             if repeat_by is not None:
-                require_shared(prop, repeat_by, self.semantics)
+                prop.require_shared(repeat_by, self.semantics)
             strategy = strategy_of(prop, self.semantics, limit=limit, repeat_by=repeat_by)
         self._strategy = strategy
         self._repeat_by = repeat_by
@@ -331,4 +331,4 @@ def repeating_engine(
     """Return the engine of a valid tree or part that may be repeated, each value of a variable for itself if
     `by` or the tree names one.
     """
-    return Engine(tree, semantics, limit=limit, repeat_by=by if by is not None else tree.repeat_by if repeat else None)
+    return Engine(tree, semantics, limit=limit, repeat_by=resolve_repetition(tree, by, repeat=repeat))

@@ -15,7 +15,7 @@ from rvaft.model.patterns import Binding
 from rvaft.model.values import Json, equal
 from rvaft.monitors import AwaitedAbsence
 from rvaft.support.bits import bits, mask_of
-from rvaft.support.budget import Effort
+from rvaft.support.budget import StepWork
 
 REMEMBERED: Final = 10_000
 """Maximum number of partial matches that a replay remembers."""
@@ -49,7 +49,7 @@ class Matching:
         self.compiled = compiled
         self.early = early
         self.progress = PartProgress(compiled)
-        self.effort = Effort(limit)
+        self.effort = StepWork(limit)
         """The work of the present step."""
         self.shared = SharedNodes(compiled, self.progress, self.effort, limit=limit, early=early)
         self.early_differences: dict[int, tuple[TimeDifference, ...]] = {}

@@ -23,7 +23,7 @@ from typing import Any, Final, TypeAlias
 from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, Match, Remembered, State, Take, UnitRun
 from rvaft.engine.units import Op, Unit, UnitLeaf
 from rvaft.errors import TooLarge
-from rvaft.support.budget import Effort
+from rvaft.support.budget import StepWork
 
 Front: TypeAlias = tuple[Match, ...]
 Merits: TypeAlias = Callable[[Match], tuple[Any, ...]]
@@ -37,7 +37,7 @@ FORGOTTEN: Final = -1
 class PointedRun(UnitRun):
     """The steps where times never decrease (`ordered`), or may decrease."""
 
-    def __init__(self, unit: Unit, effort: Effort, *, ordered: bool, remedy: str) -> None:
+    def __init__(self, unit: Unit, effort: StepWork, *, ordered: bool, remedy: str) -> None:
         super().__init__(unit)
         self._effort, self._ordered, self._remedy = effort, ordered, remedy
         size = len(unit.places)

@@ -12,26 +12,7 @@ from rvaft.engine.scattered_linear import LinearMonitor, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.strategy import Measured, Strategy
 from rvaft.engine.units import units
-from rvaft.errors import OptionError
 from rvaft.model.verdict import Semantics
-from rvaft.support.wording import did_you_mean
-
-
-def require_shared(prop: Property, name: str, semantics: Semantics) -> None:
-    """Raise `OptionError` unless every event of a property binds a variable, under `scattered`."""
-    if semantics is not Semantics.SCATTERED:
-        raise OptionError(f"repetition by {name} needs the semantics scattered, not {semantics}")
-    tree = prop.tree if prop.tree.part_of is None else prop.tree.part_of.tree
-    own = {one for node in tree.top_down() for one in node.own_values}
-    if name not in (*tree.variables, *own):
-        guess = did_you_mean(name, tree.variables) or ": no event of a node binds it"
-        raise OptionError(f"matches cannot be repeated by {name or 'an empty name'}, no variable of the tree{guess}")
-    for part in prop.events_without(name):
-        node = part.source.node
-        why = f"each event of {node} has its own" if name in own else f"the event of {node} does not bind it"
-        raise OptionError(
-            f"matches cannot be repeated by {name}: {why}; a match has one {name} from its first event on"
-        )
 
 
 def strategy_of(prop: Property, semantics: Semantics, *, limit: int, repeat_by: str | None = None) -> Strategy:

@@ -19,7 +19,7 @@ from rvaft.engine.compiled_tree import CompiledTree
 from rvaft.engine.configuration import DONE, MORE, POSSIBLE, SURE, TOUCHED, Configuration, PartProgress
 from rvaft.errors import TooLarge
 from rvaft.support.bits import bits, mask_of, union
-from rvaft.support.budget import Effort
+from rvaft.support.budget import StepWork
 
 MEMORY: Final = 20_000
 """The maximum number of cached results."""
@@ -32,7 +32,7 @@ class SharedNodes:
     """The core of a tree; raises `TooLarge` if one search takes more than `limit` steps, or all too much `effort`."""
 
     def __init__(
-        self, compiled: CompiledTree, progress: PartProgress, effort: Effort, *, limit: int, early: bool = False
+        self, compiled: CompiledTree, progress: PartProgress, effort: StepWork, *, limit: int, early: bool = False
     ) -> None:
         self.compiled = compiled
         self.effort = effort

@@ -16,7 +16,7 @@ from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, CountedEvent, Match, Remembered, State, Take, UnitRun
 from rvaft.engine.units import Op, Unit, UnitLeaf
-from rvaft.support.budget import Effort
+from rvaft.support.budget import StepWork
 
 Front: TypeAlias = list[Match]
 _NONE: Final[Sequence[Match]] = ()
@@ -49,7 +49,7 @@ class PositionUse(NamedTuple):
 class UnorderedRun(UnitRun):
     """A match has its first position, least time, steps, greatest time and last position."""
 
-    def __init__(self, unit: Unit, effort: Effort) -> None:
+    def __init__(self, unit: Unit, effort: StepWork) -> None:
         super().__init__(unit)
         self._effort = effort
         self._inside, self._followed = PositionUse.of(unit)

@@ -428,6 +428,11 @@ def _check_call(on: On, events: Mapping[str, EventType], nodes: list[str]) -> No
         raise TreeError(message, rule="event-arity", nodes=nodes)
 
 
+def resolve_repetition(tree: RVAFT, by: str | None, *, repeat: bool) -> str | None:
+    """Return the given variable of repetition, else that of the tree if it is repeated."""
+    return by if by is not None else tree.repeat_by if repeat else None
+
+
 def resolve_semantics(tree: RVAFT, semantics: Semantics | str | None = None) -> Semantics:
     """Return the given semantics, else that of the tree, else `projected`; raises `OptionError`.
 

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from rvaft.core.feasibility import ScenarioSpace
+from rvaft.core.property import unrepeatable
 from rvaft.language.draft import UNMENTIONED, Draft, DraftNode, DraftTopic, GateUse, Located
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points
@@ -286,12 +287,8 @@ def repeat_by(space: ScenarioSpace) -> Iterator[RuleReport]:
         declared = "declares no semantics" if tree.semantics is None else f"is {tree.semantics}"
         message = f"`repeat by {name}` needs `semantics scattered;`, but the tree {declared}"
         yield RuleReport(place, message)
-    for part in space.prop.events_without(name):
-        node = tree.nodes[part.source.node]
-        own = name in node.own_values
-        why = f"has a {name} of its own in each event" if own else f"does not bind {name} in its event"
-        message = f"matches cannot be repeated by {name}: {node.name} {why}; a match has one from its first event on"
-        yield RuleReport(node.place("on"), message, (node.name,))
+    for node, why in space.prop.lacking(name):
+        yield RuleReport(tree.nodes[node].place("on"), unrepeatable(name, why), (node,))
 
 
 def variable_once(space: ScenarioSpace) -> Iterator[RuleReport]:

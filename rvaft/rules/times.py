@@ -230,15 +230,14 @@ def unstated_semantics(space: ScenarioSpace) -> Iterator[RuleReport]:
     tree = space.tree
     if tree.semantics is not None:
         return
+    mend = "add `semantics scattered;`, or the intended semantics"
     for node in tree.top_down():
         alone = tree.occurrences == (node.name,) and not rigid_variables(tree.pattern(node.name) or Anything())
         if node.times > 1 and not alone:
             problem = f"{node.name} waits for {node.times} events, but the tree declares no semantics"
             so = "under the default, `projected`, another such event, or one with other values, ends the match"
-            mend = "add `semantics scattered;`, or the intended semantics"
             yield RuleReport(node.place("times"), f"{problem}: {so}; {mend}", (node.name,))
         for clause in node.without[:1]:
             problem = f"{node.name} waits for what does not happen, but the tree declares no semantics"
             so = "under the default, `projected`, another of its events, such as one of another entity, ends the match"
-            mend = "add `semantics scattered;`, or the intended semantics"
             yield RuleReport(clause.place, f"{problem}: {so}; {mend}", (node.name,))

@@ -66,10 +66,10 @@ MIN_VISITS: Final = 200_000
 """The visits, about a second, that one step may take under any limit."""
 
 
-class Effort:
+class StepWork:
     """The work of one step of a monitor, over all its searches; raises `TooLarge` beyond the limit.
 
-    >>> effort = Effort(100_000)
+    >>> effort = StepWork(100_000)
     >>> effort.spend(1_500_000, "ways")
     >>> effort.begin()
     >>> effort.spend(1_500_000, "ways")

@@ -155,5 +155,5 @@ def test_a_log_for_a_language_is_about_what_it_can_say() -> None:
 def test_a_mapping_is_for_logs_that_have_objects(tmp_path: Path) -> None:
     mapping = written(tmp_path / "mapping.toml", "[a]\n")
     failed(run("traces", SAND, "--mapping", mapping), "--mapping is for --format stix")
-    failed(run("traces", SAND, "--mapping", mapping, "--format", "eql"), "eql takes no mapping of fields")
+    failed(run("traces", SAND, "--mapping", mapping, "--format", "eql"), "eql takes no mapping")
     failed(run("traces", SAND, "--mapping", mapping, "--format", "stix"), "the mapping of a lacks the field event")

@@ -19,10 +19,12 @@ from cross_check.participants import (
     ENGINE,
     REFERENCE,
     Enlisted,
+    Outside,
     Participant,
     detections,
     engine_of,
     faithful_backends,
+    leaves_open,
     reference_of,
     reports_detections_only,
     translated,
@@ -31,7 +33,6 @@ from cross_check.participants import (
 from rvaft import RVAFT, Kind, RvaftError, Semantics, Verdict, loads
 from rvaft.core.branches import restrict
 from rvaft.export.certificates import PROGRAM
-from rvaft.model.assumptions import first_violation
 from rvaft.model.values import is_finite
 from rvaft.support.terminal import columns
 from tests.faults.wrong_trees import MISTAKES
@@ -104,12 +105,10 @@ def enlisted(name: str, case: Case, tree: RVAFT) -> Enlisted:
 def answer(name: str, case: Case, tree: RVAFT) -> tuple[Sequence[Verdict], Sequence[Verdict]] | None:
     """Return the verdicts of a participant and those that it should have, or None if it owes none."""
     one, trace = enlisted(name, case, tree), case.events
-    if isinstance(one, Participant):
-        assumes = frozenset() if one.specification is None else one.specification.assumes
-        undecided = one.json_alone and not all(map(is_finite, trace))
-        undecided = undecided or bool(one.left_open is not None and one.left_open(trace))
-        if undecided or first_violation(tree, trace, assumes) is not None:
-            return None
+    if isinstance(one, Participant | Outside) and leaves_open(one, tree, trace):
+        return None
+    if isinstance(one, Participant) and one.json_alone and not all(map(is_finite, trace)):
+        return None
     found, wanted = verdicts_of(one, trace), tuple(map(Verdict, case.values))
     if isinstance(found, RvaftError):
         return None

@@ -159,9 +159,23 @@ def unguarded(which: Callable[[Node], bool]) -> Mistake:
     return lambda tree: others(alone(tree))
 
 
+def asking(node: Node, given: Iterable[Any]) -> Mapping[str, Any]:
+    """The fields of a node whose event has other arguments; values of its events' own that are no more among them
+    are those that now stand in their place.
+    """
+    if node.on is None:
+        return {}
+    on = replace(node.on, arguments=tuple(given))
+    pairs = zip(node.on.arguments, on.arguments, strict=True)
+    names = {was.name: now.name for was, now in pairs if isinstance(was, Variable) and isinstance(now, Variable)}
+    names.update({name: name for name in on.variables})
+    distinct, own = (tuple(names[name] for name in given) for given in (node.distinct, node.each))
+    return {"on": on, "distinct": distinct, "each": own}
+
+
 def arguments(change: Callable[[tuple[Any, ...]], Iterable[Any]]) -> Mistake:
     """The mistake that the arguments of events are others."""
-    return each(lambda node: {"on": replace(node.on, arguments=tuple(change(node.on.arguments)))} if node.on else None)
+    return each(lambda node: asking(node, change(node.on.arguments if node.on else ())))
 
 
 def literals(change: Callable[[Any], Any]) -> Mistake:
@@ -173,10 +187,10 @@ def unshared(tree: RVAFT) -> RVAFT:
     """A variable that an earlier node has is another one in a later node."""
     nodes, seen = [], set[str]()
     for node in tree.nodes.values():
-        given = list(node.on.arguments if node.on else ())
+        given = node.on.arguments if node.on else ()
         names = {one.name for one in given if isinstance(one, Variable)}
-        given = [Variable(f"{one.name}0") if isinstance(one, Variable) and one.name in seen else one for one in given]
-        nodes.append(replace(node, on=node.on and replace(node.on, arguments=tuple(given))))
+        other = (Variable(f"{one.name}0") if isinstance(one, Variable) and one.name in seen else one for one in given)
+        nodes.append(replace(node, **asking(node, other)))
         seen |= names
     return rebuilt(tree, nodes)
 

@@ -57,6 +57,7 @@ if TYPE_CHECKING:
         load,
         loads,
         monitor,
+        near_misses,
         to_dot,
         translate,
     )
@@ -121,6 +122,7 @@ __all__ = [
     "loads",
     "message_event",
     "monitor",
+    "near_misses",
     "on_detection",
     "read_log",
     "to_dot",

@@ -5,7 +5,7 @@ drawings are imported on use: a translation needs neither.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
 from rvaft.core.branches import Branch
@@ -44,6 +44,9 @@ from rvaft.monitors import (
 from rvaft.rules.loading import load, loads
 from rvaft.rules.rule import Finding, Severity
 from rvaft.rules.validity import valid_part
+
+if TYPE_CHECKING:
+    from rvaft.coverage.near_misses import NearMisses
 
 __all__ = [
     "RVAFT",
@@ -94,6 +97,7 @@ __all__ = [
     "load",
     "loads",
     "monitor",
+    "near_misses",
     "to_dot",
     "translate",
 ]
@@ -163,6 +167,24 @@ def monitor(
     repeat = repeat or repeat_by is not None
     engine = repeating_engine(part, meaning, limit=limit, repeat=repeat, by=repeat_by)
     return Repetition(engine) if repeat else engine
+
+
+def near_misses(
+    tree: RVAFT, events: Iterable[Any], *, semantics: Semantics | str | None = None, branch: int | None = None
+) -> "NearMisses":
+    """Return why nothing was detected: the matches that lack one condition, closest first (`rvaft.coverage`).
+
+    They are looked for among the last 10,000 events. Raises the errors of `monitor`.
+
+    >>> log = [{"event": name} for name in "ab"]
+    >>> [miss.text for miss in near_misses(loads("top sand a b c;"), log, semantics="scattered").found]
+    ['all but c']
+    """
+    expect("tree", tree, RVAFT, _TREE)
+    expect("branch", branch, int | None, "an int")
+    from rvaft.coverage.near_misses import near_misses as found  # noqa: PLC0415 -- imported on use
+
+    return found(tree, events, semantics=semantics, branch=branch)
 
 
 def check(tree: RVAFT) -> list[Finding]:

@@ -27,6 +27,7 @@ from typing import Any, Final
 
 from rvaft.core.branches import branches, whole
 from rvaft.core.classifier import Letter
+from rvaft.coverage.near_misses import RecentEvents
 from rvaft.errors import TooLarge
 from rvaft.export.property_text import property_text
 from rvaft.export.svg import svg_text
@@ -138,6 +139,11 @@ class LogReport(Listener):
         self._messages_revised = self._revision = 0
         self._share = SHARE if grows else FINISHED_SHARE
         self._due = self._refilled = monotonic()
+        whole_tree = plan.monitors.columns[0].part.part_of is None
+        self._recent = RecentEvents() if whole_tree and not plan.monitors.repeat else None
+        self._missed: list[list[Any]] = []
+        """The near misses: a line, the place of the watch, and the number of the last event."""
+        self._missed_due = 0.0
 
     def begin(self, watch: MonitoredTrace) -> None:
         """Register a trace or key."""
@@ -149,6 +155,8 @@ class LogReport(Listener):
 
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
         """Note a relevant event without a change."""
+        if self._recent is not None:
+            self._recent.event(watch, number, event)
         nodes = self._fitting(event)
         if not nodes:  # relevant, but not an event of the tree
             return
@@ -163,6 +171,8 @@ class LogReport(Listener):
 
     def change(self, change: VerdictChange) -> None:
         """Note a change of verdicts."""
+        if self._recent is not None:
+            self._recent.change(change)
         if 0 in change.detected:
             self._detections += 1
             key = "".join(f"{_text(value)}, " for value in change.watch.key or ())
@@ -286,6 +296,7 @@ class LogReport(Listener):
                 "at": self._at[changes:],
                 "changes": self._changes[changes:],
                 "watches": [[at, row] for at, row in enumerate(self._rows) if self._revised[at] > revision],
+                "near": self._missed,
                 "traces": self._traces,
                 "clock": self._clock,
                 **new_messages,
@@ -341,6 +352,7 @@ class LogReport(Listener):
             "undetected": self._undetected,
             "at": self._at,
             "changes": self._changes,
+            "near": self._missed,
             "told": self._shown,
         }
 
@@ -351,6 +363,7 @@ class LogReport(Listener):
             at = self._lists["watch"][last]
             if at not in self._ended:
                 self._find_late(last, self._watches[at])
+        self._look_for_near_misses()
         if dict(messages) != self._messages:
             self._revision += 1
             self._messages, self._messages_revised = dict(messages), self._revision
@@ -370,6 +383,18 @@ class LogReport(Listener):
             self._revised[at] = self._revision
         self._rows = rows
         self._due = monotonic() + (monotonic() - begun) / SHARE
+
+    def _look_for_near_misses(self) -> None:
+        """Update the near misses, at intervals in proportion to the time that it takes."""
+        begun = monotonic()
+        if self._recent is None or begun < self._missed_due:
+            return
+        at = {id(watch): place for place, watch in enumerate(self._watches)}
+        closest = [one for one in self._recent.closest().found if id(one[0]) in at]
+        found = [[visible(line), at[id(watch)], miss.events[-1]] for watch, miss, line in closest]
+        self._revision += found != self._missed
+        self._missed = found
+        self._missed_due = monotonic() + (monotonic() - begun) / SHARE
 
     def _make_room_where_full(self) -> None:
         if len(self._lists["number"]) >= self.most or len(self._changes) >= CHANGES:

@@ -96,6 +96,7 @@ __all__ = [
     "dumps",
     "load",
     "loads",
+    "log",
     "monitor",
     "near_misses",
     "to_dot",
@@ -185,6 +186,22 @@ def near_misses(
     from rvaft.coverage.near_misses import near_misses as found  # noqa: PLC0415 -- imported on use
 
     return found(tree, events, semantics=semantics, branch=branch)
+
+
+def log(frame: object) -> Iterator[dict[str, Any]]:
+    """Return the rows of a table as events: a DataFrame of pandas or polars, or a table of Arrow.
+
+    A missing value means that the event lacks the field. Times are read as from Parquet, as texts in ISO 8601.
+    Raises `ToolMissing` without `pyarrow` (extra `parquet`), `TraceError`, and `WrongType`.
+
+    >>> import pandas
+    >>> frame = pandas.DataFrame({"event": ["a", "b"], "size": [300, None]})
+    >>> [verdict.symbol for verdict in monitor(loads("top sand a b;")).run(log(frame))]
+    ['?', '⊤']
+    """
+    from rvaft.readers.parquet import frame_events  # noqa: PLC0415 -- imported on use
+
+    return frame_events(frame)
 
 
 def check(tree: RVAFT) -> list[Finding]:

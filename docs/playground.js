@@ -148,7 +148,7 @@ async function start() {
     else if (data.progress !== undefined) { at("progress").value = 2 * data.progress; at("state").textContent = data.text; }
     else if (data.ready) { ask(request(), (found) => { show(found); at("progress").hidden = true; document.getElementById("playground").dataset.ready = "yes"; }); }
     else if (data.failed !== undefined) { at("state").textContent = data.failed; waiting.delete(data.number); }
-    else { waiting.get(data.number)?.(data.found); waiting.delete(data.number); }
+    else { waiting.get(data.number)?.(data.found); waiting.delete(data.number); document.getElementById("playground").dataset.answers = data.number; }
   });
 }
 

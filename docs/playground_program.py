@@ -4,6 +4,7 @@ A request has `tree`, `log`, `semantics`, `languages` and, to compare a rule wit
 """
 
 import json
+import re
 from collections.abc import Iterator
 from random import Random
 from typing import Any
@@ -28,7 +29,9 @@ def answer(request: str) -> str:
     except LanguageError as error:
         return json.dumps({"errors": [[error.line, error.column, error.message]]})
     except RvaftError as error:
-        return json.dumps({"errors": [[1, 1, str(error)]]})
+        found_at = re.match(r"tree:(\d+):(\d+): (.*)", str(error), re.DOTALL)
+        line, column, message = ("1", "1", str(error)) if found_at is None else found_at.groups()
+        return json.dumps({"errors": [[int(line), int(column), message]]})
     semantics = resolve_semantics(tree, given["semantics"] or None)
     found: dict[str, Any] = {"errors": [], "semantics": semantics.value, "drawing": svg_text(tree, badges=True)}
     found["findings"] = [

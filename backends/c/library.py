@@ -4,7 +4,6 @@ import ctypes
 import json
 import os
 import re
-import resource
 import shutil
 import subprocess
 import tempfile
@@ -85,6 +84,8 @@ class CompilerError(ToolFailed):
 
 
 def _limit_compiler() -> None:
+    import resource  # noqa: PLC0415 -- a browser has no such module, and translates all the same
+
     resource.setrlimit(resource.RLIMIT_CPU, (_STRANGERS, _STRANGERS))
     end_with_parent()
 

@@ -44,7 +44,6 @@ from rvaft.support.files import opened
 
 REFERENCE: Final = "reference"
 ENGINE: Final = "engine"
-MONA: Final = "ltlf-mona"
 PATIENCE: Final = 60.0
 """Seconds for an answer of an external program or of a text that a person wrote."""
 
@@ -275,20 +274,17 @@ class _CountedReference(Reference):
 
 
 @absent_on_error
-def translated(
-    name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None, tool: str | None = None
-) -> Participant:
-    """Return a backend's text, run by its reader or by an external tool."""
+def translated(name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Participant:
+    """Return a backend's text, run by its reader."""
     language = backend(name)
     if not language.readable:
         raise OptionError(f"{name} has no reader, so its texts cannot be compared")
     specification = language.translate(part, semantics, limit=limit)
-    first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
-    called = name if tool is None else f"{name}-{tool}"
+    first = specification.monitor()
     observed = language.observed(specification.text)
     asks = times_matter(part), language.json_alone, *_of_whole_traces(first)
-    found = None if tool is not None else partial(language.matches, specification.text)
-    return Participant(called, first.fork, specification, observed, None, *asks, found)
+    matches = partial(language.matches, specification.text)
+    return Participant(name, first.fork, specification, observed, None, *asks, matches)
 
 
 def _of_whole_traces(monitor: Monitor) -> tuple[FirstDetections | None, LeftOpen | None]:

@@ -14,7 +14,7 @@ from backends.absences import without_vacuous
 from backends.event_columns import FittingEvent, ValueColumn, time_variables
 from backends.mfotl.absences import LackedEvent, PredicateText, clause_of, conjoined, exists, timed_absences, without
 from backends.mfotl.conditions import Conditions, Ways, both
-from backends.mfotl.monpoly import Column, MfotlHeader
+from backends.mfotl.predicates import Column, MfotlHeader
 from backends.orders import Orders
 from rvaft.backend import Metrics
 from rvaft.core.conditions import Unsayable

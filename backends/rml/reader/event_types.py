@@ -27,7 +27,7 @@ Bound: TypeAlias = Mapping[str, Json]
 
 # Values of data expressions; `None` for wrong types and unbound variables. Integers are exact,
 # other numbers are IEEE doubles, and strings compare by code points, as in trees. The published
-# monitor uses Prolog's real constraints instead (see `deviations`).
+# monitor uses Prolog's real constraints instead (see `cross_check.published`).
 
 _MAX_BITS: Final = 100_000
 

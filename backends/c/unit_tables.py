@@ -11,8 +11,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, assert_never
 
-from rvaft.engine.units import Op, Unit, UnitLeaf
-from rvaft.engine.unordered_run import PositionUse
+from rvaft.core.units import Op, PositionUse, Unit, UnitLeaf
 
 NONE: Final = "NONE"
 NEVER: Final = "UINT64_MAX"
@@ -87,7 +86,7 @@ def tables_of(units: Sequence[Unit], *, fronts: bool = False) -> UnitTables:
 
     >>> import rvaft
     >>> from rvaft.core.build import build
-    >>> from rvaft.engine.units import units
+    >>> from rvaft.core.units import units
     >>> made = tables_of(units(build(rvaft.loads("top sand a b c;"))) or ())
     >>> made.starts, [one.after for one in made.leaves]
     (2, [1, 0, None])

@@ -20,8 +20,8 @@ from heapq import nlargest
 from operator import ge
 from typing import Any, Final, TypeAlias
 
+from rvaft.core.units import Op, Unit, UnitLeaf
 from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, Match, Remembered, State, Take, UnitRun
-from rvaft.engine.units import Op, Unit, UnitLeaf
 from rvaft.errors import TooLarge
 from rvaft.support.budget import StepWork
 

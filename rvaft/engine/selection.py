@@ -2,6 +2,7 @@
 
 from rvaft.core.passes import decide_constants, followed
 from rvaft.core.property import IMPOSSIBLE, Property
+from rvaft.core.units import units
 from rvaft.engine.absence import AbsentEvents
 from rvaft.engine.all_matches import Contiguous
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
@@ -11,7 +12,6 @@ from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import LinearMonitor, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.strategy import Measured, Strategy
-from rvaft.engine.units import units
 from rvaft.model.verdict import Semantics
 
 

@@ -15,8 +15,8 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from typing import Any, Final, TypeAlias, assert_never
 
 from rvaft.core.property import Source
+from rvaft.core.units import Op, Unit, UnitLeaf
 from rvaft.engine.explanation import Step
-from rvaft.engine.units import Op, Unit, UnitLeaf
 from rvaft.model.values import Json, is_finite, key
 
 TIME: Final = 0

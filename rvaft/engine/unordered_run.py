@@ -12,38 +12,14 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Hashable, Iterable, Sequence
 from heapq import nlargest
 from itertools import pairwise
-from typing import Any, Final, NamedTuple, Self, TypeAlias
+from typing import Any, Final, TypeAlias
 
+from rvaft.core.units import Op, PositionUse, Unit, UnitLeaf
 from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, CountedEvent, Match, Remembered, State, Take, UnitRun
-from rvaft.engine.units import Op, Unit, UnitLeaf
 from rvaft.support.budget import StepWork
 
 Front: TypeAlias = list[Match]
 _NONE: Final[Sequence[Match]] = ()
-
-
-class PositionUse(NamedTuple):
-    """For each node, whether positions matter besides times.
-
-    `inside`: the first position of a match, in a later child of a sequence. `followed`: the last one,
-    to the next child.
-    """
-
-    inside: tuple[bool, ...]
-    followed: tuple[bool, ...]
-
-    @classmethod
-    def of(cls, unit: Unit) -> Self:
-        """Return the use of positions in a unit."""
-        size = len(unit.places)
-        inside, followed = [False] * size, [False] * size
-        for node in range(1, size):
-            gate, op, before, *_ = unit.places[node]
-            timed = op is Op.SEQUENCE and unit.limits[gate] is not None
-            inside[node] = inside[gate] or (timed and before >= 0 and not unit.direct[node])
-            if timed and before >= 0 and not unit.direct[node]:
-                followed[before] = True
-        return cls(tuple(inside), tuple(followed))
 
 
 class UnorderedRun(UnitRun):

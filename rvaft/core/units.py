@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from itertools import chain, combinations, product
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 from rvaft.core.overlaps import Overlaps
 from rvaft.core.property import (
@@ -183,6 +183,30 @@ class Unit:
     def window(self) -> int | None:
         """The duration in nanoseconds in which all events of a match lie."""
         return self.windows[0]
+
+
+class PositionUse(NamedTuple):
+    """For each node, whether positions matter besides times.
+
+    `inside`: the first position of a match, in a later child of a sequence. `followed`: the last one,
+    to the next child.
+    """
+
+    inside: tuple[bool, ...]
+    followed: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, unit: Unit) -> Self:
+        """Return the use of positions in a unit."""
+        size = len(unit.places)
+        inside, followed = [False] * size, [False] * size
+        for node in range(1, size):
+            gate, op, before, *_ = unit.places[node]
+            timed = op is Op.SEQUENCE and unit.limits[gate] is not None
+            inside[node] = inside[gate] or (timed and before >= 0 and not unit.direct[node])
+            if timed and before >= 0 and not unit.direct[node]:
+                followed[before] = True
+        return cls(tuple(inside), tuple(followed))
 
 
 class _NotApart(Exception):

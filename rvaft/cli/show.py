@@ -13,7 +13,7 @@ import click
 from rvaft.api import monitor
 from rvaft.cli import options, warn
 from rvaft.core.branches import Branch, branches
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError
 from rvaft.export.drawing import draw
 from rvaft.export.formats import SUFFIXES, Format, format_of

@@ -12,7 +12,8 @@ from typing import BinaryIO, Final, NamedTuple, Self, TypeAlias, cast
 from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
-from rvaft.core.classifier import Letter, TreeReads, reader
+from rvaft.core.fields_to_read import TreeReads
+from rvaft.core.letters import Letter, reader
 from rvaft.core.passes import followed, of_branch
 from rvaft.core.property import All, EndInOrder, Event, One, Part, PartKind, Property, Source, Times, with_parts
 from rvaft.core.scenarios import is_empty, transitive

@@ -19,8 +19,10 @@ from itertools import chain, islice
 from typing import Any, Final, NamedTuple
 
 from rvaft.core import property as core
-from rvaft.core.classifier import EventTest, GuardTable, Letter, PatternIndex, Reader, guard_table, reader
+from rvaft.core.guard_table import GuardTable, guard_table
+from rvaft.core.letters import EventTest, Letter, Reader, reader
 from rvaft.core.part_numbers import op_of
+from rvaft.core.pattern_index import PatternIndex
 from rvaft.core.property import Part, PartKind, Property, Source, fewest
 from rvaft.core.times import Extreme, TimeDifference, differences
 from rvaft.model.expressions import without_text

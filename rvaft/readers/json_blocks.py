@@ -15,7 +15,8 @@ from typing import Any, Final, TypeAlias, TypedDict, cast
 
 import msgspec
 
-from rvaft.core.classifier import Reads, TreeReads, brief
+from rvaft.core.fields_to_read import Reads, TreeReads
+from rvaft.core.pattern_index import brief
 from rvaft.errors import TraceError
 from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern

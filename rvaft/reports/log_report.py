@@ -26,7 +26,7 @@ from time import monotonic
 from typing import Any, Final
 
 from rvaft.core.branches import branches, whole
-from rvaft.core.classifier import Letter
+from rvaft.core.letters import Letter
 from rvaft.errors import TooLarge
 from rvaft.export.property_text import property_text
 from rvaft.export.svg import svg_text

@@ -10,7 +10,8 @@ from operator import eq, itemgetter
 from sys import float_info
 from typing import Final, TypeAlias, TypeVar
 
-from rvaft.core.classifier import GuardTable, PatternIndex, key_at
+from rvaft.core.guard_table import GuardTable
+from rvaft.core.pattern_index import PatternIndex, key_at
 from rvaft.model.event_time import EventTime
 from rvaft.model.values import Json, JsonObject, exact
 from rvaft.stream.data_warnings import DataWarnings

@@ -12,7 +12,8 @@ from enum import StrEnum
 from itertools import chain, product
 from typing import Final, NamedTuple
 
-from rvaft.core.classifier import Values, flat, reader
+from rvaft.core.letters import Values, reader
+from rvaft.core.pattern_index import flat
 from rvaft.model.assumptions import AssumptionCheck
 from rvaft.model.event_time import UNITS, Jump, duration_text
 from rvaft.model.expressions import guard_text

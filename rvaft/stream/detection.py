@@ -17,7 +17,7 @@ from functools import lru_cache
 from tempfile import TemporaryFile
 from typing import Final
 
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, finite, is_finite

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
-from rvaft.core.classifier import Scope
+from rvaft.core.fields_to_read import Scope
 from rvaft.errors import RvaftError, ToolFailed, ToolMissing
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Final, NamedTuple, TypeAlias
 
-from rvaft.core.classifier import Scope
+from rvaft.core.fields_to_read import Scope
 from rvaft.errors import OptionError, RvaftError, ToolFailed
 from rvaft.model.values import JsonObject
 from rvaft.model.values import key as value_key

@@ -15,7 +15,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, TraceError, loads
-from rvaft.core.classifier import LONGEST, PatternIndex, TreeReads
+from rvaft.core.fields_to_read import TreeReads
+from rvaft.core.pattern_index import LONGEST, PatternIndex
 from rvaft.model.patterns import ObjectPattern, match
 from rvaft.readers import json_blocks, json_lines
 from rvaft.readers.json_blocks import JsonBlockReader, plain_fields

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 import rvaft
 from rvaft.cli import main
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.engine import Engine
 from rvaft.errors import CheckpointError, OptionError, TraceError
 from rvaft.model.nodes import Node

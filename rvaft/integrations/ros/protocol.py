@@ -19,7 +19,7 @@ from functools import partial
 from operator import methodcaller
 from typing import Any, Final, Self
 
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.engine.monitor import repeating_engine
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Literal, ObjectPattern

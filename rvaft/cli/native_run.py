@@ -34,8 +34,8 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation, Pending, twin
 from rvaft.readers.json_lines import decode, event_on
 from rvaft.readers.log import BOM, LogReader
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.keys import Key, KeyedTraces
-from rvaft.stream.listeners import EventBuffer
 from rvaft.stream.plan import TIME, MonitoringPlan
 from rvaft.stream.run import TraceRun
 from rvaft.stream.whole_log import Declined, EventCount, LogAnswer, Place, QueryEngine

@@ -35,11 +35,14 @@ from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import DEFAULT_BRANCHES, Explanation, Pending
-from rvaft.stream.detection import counted, places, unlike
-from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.detection import places, unlike
+from rvaft.stream.event_buffer import EventBuffer
+from rvaft.stream.listeners import Listener
 from rvaft.stream.order import OrderedField
 from rvaft.stream.plan import MonitoringPlan
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.support.terminal import cut, visible
+from rvaft.support.wording import counted
 
 PLACES: Final = 300_000
 """Default maximum number of places, except changes of verdicts."""

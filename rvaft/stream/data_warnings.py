@@ -23,8 +23,8 @@ from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, at
 from rvaft.readers.json_lines import NonFiniteEvent, described
-from rvaft.stream.detection import counted
 from rvaft.stream.statistics import UNSEEN, EventKind, EventTypeIndex
+from rvaft.support.wording import counted
 
 MOST: Final = 20
 _ANY: Final = (1, "a", True)

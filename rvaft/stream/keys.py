@@ -12,8 +12,8 @@ from rvaft.errors import OptionError, TooLarge
 from rvaft.model.values import Exact, Json, JsonObject, at, is_finite
 from rvaft.model.values import key as value_key
 from rvaft.readers.json_lines import NonFiniteEvent
-from rvaft.stream.detection import counted
-from rvaft.stream.listeners import MonitoredTrace
+from rvaft.stream.verdict_change import MonitoredTrace
+from rvaft.support.wording import counted
 
 MAX_KEYS: Final = 100_000
 """Default maximum number of values of a key."""

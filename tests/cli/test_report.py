@@ -18,7 +18,7 @@ from rvaft.readers.log import open_log
 from rvaft.reports import log_report
 from rvaft.stream import listeners, pipeline
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.listeners import EventBuffer
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.monitor_set import MonitorSet, columns
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun

@@ -10,7 +10,7 @@ from rvaft.backend import Backend, Specification, UnknownBackend, all_backends, 
 from rvaft.capabilities import table
 from rvaft.cli import options
 from rvaft.errors import OptionError, TooLarge, ToolFailed, ToolMissing
-from rvaft.export.formats import PICTURES, Format, format_of
+from rvaft.export import PICTURES, Format, format_of
 from rvaft.model.nodes import Kind, Node
 from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.verdict import Semantics

@@ -18,7 +18,7 @@ from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.engine.monitor import Engine, repeating_engine
 from rvaft.errors import NotExpressible, TooLarge, ToolMissing
-from rvaft.export.formats import PICTURES
+from rvaft.export import PICTURES
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind

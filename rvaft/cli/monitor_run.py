@@ -20,7 +20,7 @@ from rvaft.cli import FAILED, FOUND
 from rvaft.cli.alerts import ALL_REPORTERS
 from rvaft.cli.monitor_output import WIDE, MonitorSettings, Reporter, Sink, SummaryRow, finish_together, read_afresh
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
-from rvaft.export.formats import PICTURES
+from rvaft.export import PICTURES
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import LIVE, Explanation

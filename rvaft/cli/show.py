@@ -15,8 +15,8 @@ from rvaft.cli import options, warn
 from rvaft.core.branches import Branch, branches
 from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError
+from rvaft.export import SUFFIXES, Format, format_of
 from rvaft.export.drawing import draw
-from rvaft.export.formats import SUFFIXES, Format, format_of
 from rvaft.export.galileo_text import losses
 from rvaft.export.layout import NARROWEST, WIDTH, Look, Marks, branch_marks, marks
 from rvaft.export.property_text import WIDTH as LATEX_WIDTH

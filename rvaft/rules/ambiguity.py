@@ -5,8 +5,9 @@ from collections.abc import Container, Iterator
 from functools import cache
 from itertools import combinations
 
-from rvaft.core.feasibility import ScenarioSpace, is_edge, node_of, path
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.core.overlaps import Overlaps
+from rvaft.core.precedence import is_edge, node_of, path
 from rvaft.core.property import EndInOrder, One, Part, Sequence
 from rvaft.core.scenarios import Kept
 from rvaft.model.patterns import Anything, Pattern, Variable, substitute, walk

@@ -10,18 +10,9 @@ import pytest
 
 from rvaft import RVAFT, TooLarge
 from rvaft.core.build import build
-from rvaft.core.feasibility import (
-    Edge,
-    Resolutions,
-    ScenarioSpace,
-    fewest_events,
-    inevitable,
-    most_scenarios,
-    path,
-    precedence,
-    standstill,
-)
+from rvaft.core.feasibility import Resolutions, ScenarioSpace, fewest_events, inevitable, most_scenarios
 from rvaft.core.passes import restrict
+from rvaft.core.precedence import Edge, path, precedence, standstill
 from rvaft.core.property import EndInOrder, Property, Source
 from rvaft.core.scenarios import resolutions
 from rvaft.core.scenarios import scenarios as of_property

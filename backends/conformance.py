@@ -25,7 +25,7 @@ from random import Random
 from typing import Any, Final, TypeAlias, get_args
 
 from rvaft.backend import Backend, Observed, Specification
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.errors import LanguageError, NotExpressible, TooLarge
 from rvaft.language.parser import parse
 from rvaft.model.assumptions import first_violation

@@ -35,7 +35,7 @@ class Orders:
     keep no child beyond their minimum.
 
     >>> from rvaft import loads
-    >>> from rvaft.core.passes import property_of
+    >>> from rvaft.core.restriction import property_of
     >>> orders = Orders(property_of(loads("top and a o; o or b c;")), limit=100)
     >>> scenario, = orders.scenarios()
     >>> def letter(event):

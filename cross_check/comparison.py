@@ -58,7 +58,7 @@ from cross_check.results import DETECTIONS_ONLY, NOTHING, Difference, Job, Resul
 from cross_check.simpler_traces import plainer
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.backend import Match
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.errors import NoVerdict, TooLarge
 from rvaft.model.assumptions import first_violation
 from rvaft.model.expressions import assumptions_text

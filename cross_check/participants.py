@@ -15,10 +15,9 @@ from cross_check.confined_text import ConfinedText, require_permission
 from cross_check.letters import ties
 from cross_check.results import Status
 from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
-from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.feasibility import most_scenarios
-from rvaft.core.passes import property_of
+from rvaft.core.restriction import property_of, restrict
 from rvaft.core.scenarios import LIMIT
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing

@@ -18,8 +18,9 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, final
 
 from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check, extended
-from rvaft.core.passes import Pass, decide_constants, property_of
+from rvaft.core.passes import Pass, decide_constants
 from rvaft.core.property import Event, Part, Property
+from rvaft.core.restriction import property_of
 from rvaft.errors import (
     NotExpressible,
     OptionError,

@@ -10,8 +10,6 @@ from itertools import count, product
 from math import prod
 from typing import Final, assert_never
 
-from rvaft.core.branches import Branch, branch, ways_to_kind
-from rvaft.core.build import build
 from rvaft.core.property import (
     IMPOSSIBLE,
     NOTHING,
@@ -32,24 +30,14 @@ from rvaft.core.property import (
     parts_below,
     with_parts,
 )
+from rvaft.core.restriction import allowing, singly
 from rvaft.core.scenarios import Kept, is_constant, is_empty, most_events, resolutions
 from rvaft.core.times import timed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model import patterns
-from rvaft.model.guards import (
-    Duration,
-    Guard,
-    Operation,
-    Operator,
-    TimePoint,
-    holds,
-    renamed,
-    substitute,
-    time_points,
-)
-from rvaft.model.nodes import Kind
+from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, holds, renamed, substitute, time_points
 from rvaft.model.patterns import Literal, Pattern, Variable
-from rvaft.model.tree import RVAFT, shown_name
+from rvaft.model.tree import shown_name
 
 LIMIT: Final = 5_000
 """The default maximum number of alternatives that a pass makes."""
@@ -70,70 +58,6 @@ class Pass:
     def __call__(self, prop: Property, limit: int = LIMIT) -> Property:
         """Return the property without these constructs; raises `TooLarge` beyond the limit."""
         return self.run(prop, limit)
-
-
-def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | str | None = None) -> Property:
-    """Return the property restricted to one branch or kind, with the alphabet of the tree.
-
-    Raises `TreeError` if there is none, and `TooLarge` if a kind needs too many alternatives.
-    """
-    kind = None if kind is None else Kind(kind)
-    if branch_number is not None:
-        selected = branch(prop.tree, branch_number)
-        if kind is not None and kind not in selected.kinds:
-            raise TreeError(f"branch {branch_number} does not have the kind {kind}", rule="no-branch")
-        return of_branch(replace(prop, kind=kind), selected)
-    if kind is None:
-        return prop
-    ways = ways_to_kind(prop.tree, kind)
-    if not ways:
-        raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[prop.tree.root])
-    prop = replace(prop, kind=kind)
-    if len(ways) == 1:
-        return _allowing(prop, ways[0], 0)
-    copies = [_allowing(prop, way, number) for number, way in enumerate(ways, 1)]
-    wholes = {source: whole for copy in copies for source, whole in copy.wholes.items()}
-    return replace(prop, root=One(None, tuple(dict.fromkeys(copy.root for copy in copies))), wholes=wholes)
-
-
-def of_branch(prop: Property, selected: Branch) -> Property:
-    """Return the property restricted to one branch of its tree."""
-    return _allowing(replace(prop, branch=selected.number), _singly(selected.choices), 0)
-
-
-def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
-    return {gate: frozenset([child]) for gate, child in choices.items()}
-
-
-def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) -> Property:
-    """Return the property with restricted choices and its time points numbered `copy`."""
-
-    def kept(part: Part) -> tuple[Part, ...]:
-        if not (isinstance(part, One) and part.source is not None and part.source.node in allowed):
-            return part.parts
-        chosen = allowed[part.source.node]
-        return tuple(one for one in part.parts if one.source is not None and one.source.node in chosen)
-
-    def change(part: Part, parts: tuple[Part, ...]) -> Part:
-        match part:
-            case One(source=Source(node, _)) if node in allowed:
-                return One(part.source, parts)
-            case Condition(guard=guard) if copy:
-                points = [point for point in time_points(guard) if point.point != "at"]
-                copied = {point.name: TimePoint.of(point.point, point.node, copy) for point in points}
-                return replace(part, guard=substitute(guard, copied), written=part.written or guard)
-            case Within() if copy:
-                return Within(Source(part.source.node, copy), parts, part.duration)
-            case _:
-                return with_parts(part, parts)
-
-    made: dict[Part, Part] = {}
-    wholes: dict[Source, Part] = {}
-    for part in parts_below(prop.root, kept):
-        made[part] = change(part, tuple(made[one] for one in kept(part)))
-        if part.source is not None and prop.wholes.get(whole := Source(part.source.node)) is part:
-            wholes[whole._replace(number=copy)] = made[part]
-    return replace(prop, root=made[prop.root], wholes=wholes)
 
 
 def _expand_times(prop: Property, _: int) -> Property:
@@ -547,7 +471,7 @@ simplify: Final = Pass("simplify", frozenset(), _simplify)
 
 def with_choices(prop: Property, choices: Mapping[str, str]) -> Property:
     """Return the simplified property with these choices; impossible if they conflict."""
-    return simplify(_allowing(prop, _singly(choices), 0))
+    return simplify(allowing(prop, singly(choices)))
 
 
 def _flatten(prop: Property, _: int) -> Property:
@@ -648,11 +572,3 @@ def _shares_below_ends(prop: Property) -> bool:
             if isinstance(part, EndInOrder):
                 return True
     return False
-
-
-def property_of(tree: RVAFT) -> Property:
-    """Return the property of a tree, or of the branch or kind of a restricted tree."""
-    if tree.part_of is None:
-        return replace(build(tree), requested=tree)
-    prop = restrict(build(tree.part_of.tree), branch_number=tree.part_of.branch, kind=tree.part_of.kind)
-    return replace(prop, requested=tree)

@@ -14,8 +14,9 @@ from rvaft.core.branches import branches
 from rvaft.core.build import build
 from rvaft.core.fields_to_read import TreeReads
 from rvaft.core.letters import Letter, reader
-from rvaft.core.passes import followed, of_branch
+from rvaft.core.passes import followed
 from rvaft.core.property import All, EndInOrder, Event, One, Part, PartKind, Property, Source, Times, with_parts
+from rvaft.core.restriction import of_branch
 from rvaft.core.scenarios import is_empty, transitive
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import awaited

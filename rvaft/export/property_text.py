@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from rvaft.core.branches import Branch
-from rvaft.core.passes import of_branch, property_of
+from rvaft.core.restriction import of_branch, property_of
 from rvaft.export import latex
 from rvaft.export.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
 from rvaft.model.event_time import duration_text

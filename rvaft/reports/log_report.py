@@ -25,8 +25,9 @@ from secrets import token_hex
 from time import monotonic
 from typing import Any, Final
 
-from rvaft.core.branches import branches, whole
+from rvaft.core.branches import branches
 from rvaft.core.letters import Letter
+from rvaft.core.restriction import whole
 from rvaft.errors import TooLarge
 from rvaft.export.property_text import property_text
 from rvaft.export.svg import svg_text

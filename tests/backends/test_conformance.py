@@ -32,9 +32,9 @@ from rvaft import (
 )
 from rvaft.backend import Observed, SpecificationText, backend
 from rvaft.capabilities import EVERY_OPERATOR, JSON_VALUES, Feature, Ties
-from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.property import PARTS, Part, Property
+from rvaft.core.restriction import restrict
 from rvaft.errors import unwritten
 from rvaft.model.event_time import TextFormat
 from rvaft.model.guards import Operation, Operator, walk

@@ -22,7 +22,7 @@ from cross_check.generate.traces import NoTraceFound, guided, random_event, rand
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.published.rml_deviations import touching
 from rvaft.api import loads
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.errors import NotExpressible, TooLarge
 from rvaft.language.printer import dumps
 from rvaft.model.assumptions import first_violation

@@ -6,7 +6,7 @@ Choices between independent leaves are made within a letter. All steps count aga
 from collections import Counter
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from rvaft.core import scenarios as core
 from rvaft.core.property import All, Condition, Event, One, Part, Property, Source, with_parts
@@ -19,6 +19,9 @@ from rvaft.support.bits import bits
 
 Letter = TypeVar("Letter", bound=Hashable)
 
+_STEPS: Final = 200
+"""Steps of search for each event that the limit allows."""
+
 
 class GuardedEvent(NamedTuple):
     """An event with guards over its own variables."""
@@ -30,7 +33,7 @@ class GuardedEvent(NamedTuple):
 class Orders:
     """The feasible scenarios of a property, and their event orders.
 
-    Raises `TooLarge` beyond `limit` events of all orders, or `steps` per event. `grouped`: a choice
+    Raises `TooLarge` beyond `limit` events of all orders, or 200 steps per event. `grouped`: a choice
     between leaves is one event of the scenarios; `groups` maps it to its leaves. `minimal`: votes
     keep no child beyond their minimum.
 
@@ -45,10 +48,8 @@ class Orders:
     [('a', 'b|c'), ('b|c', 'a')]
     """
 
-    def __init__(
-        self, prop: Property, *, limit: int, steps: int = 200, grouped: bool = True, minimal: bool = True
-    ) -> None:
-        self._limit, self._left, self._minimal = limit, limit * steps, minimal
+    def __init__(self, prop: Property, *, limit: int, grouped: bool = True, minimal: bool = True) -> None:
+        self._limit, self._left, self._minimal = limit, limit * _STEPS, minimal
         self._said: set[tuple[Hashable, ...]] = set()
         self._events = 0
         self.groups: dict[Event, tuple[GuardedEvent, ...]] = {}

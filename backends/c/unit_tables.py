@@ -18,7 +18,7 @@ NEVER: Final = "UINT64_MAX"
 _MOST: Final = (1 << 64) - 1
 
 
-class Kind(NamedTuple):
+class InstanceKind(NamedTuple):
     """The instances of a unit, or those with the last events of a leaf that has variables of its own."""
 
     names: tuple[str, ...]
@@ -53,7 +53,7 @@ class PlacedLeaf(NamedTuple):
 class UnitTables:
     """The tables of some units."""
 
-    kinds: list[Kind] = field(default_factory=list)
+    kinds: list[InstanceKind] = field(default_factory=list)
     leaves: list[PlacedLeaf] = field(default_factory=list)
     """The leaves of each unit, the last one first: an event that serves two leaves of a sequence follows those before
     it at both."""
@@ -91,7 +91,7 @@ def tables_of(units: Sequence[Unit], *, fronts: bool = False) -> UnitTables:
     >>> made.starts, [one.after for one in made.leaves]
     (2, [1, 0, None])
     """
-    made, own = UnitTables(fronts=fronts), list[Kind]()
+    made, own = UnitTables(fronts=fronts), list[InstanceKind]()
     for number, unit in enumerate(units):
         placing = _Fronts if fronts else _Starts
         own += placing(unit, number, made, len(units) + len(own)).own
@@ -117,7 +117,7 @@ class _Placing(ABC):
                 made.siblings = max(made.siblings, len(below))
         weights = [*self._weights()]
         events = sum(2 * weights[0] * self._levels(node) for node in self._slots)
-        self.own = list[Kind]()
+        self.own = list[InstanceKind]()
         starts, rings = slots, 0
         leaves = list[PlacedLeaf]()
         for leaf in unit.leaves:
@@ -127,13 +127,13 @@ class _Placing(ABC):
             needed = 4 * leaf.number + 2 * weights[0] * (levels - 1) * leaf.number if leaf.number > 1 else 0
             if leaf.own:
                 names = (*unit.key, *leaf.own)
-                self.own.append(Kind(names, 0, room, 1, 0, unit.limits[leaf.node], needed))
+                self.own.append(InstanceKind(names, 0, room, 1, 0, unit.limits[leaf.node], needed))
             elif leaf.number > 1:
                 starts, rings, events = starts + room, rings + 1, events + needed
         made.leaves += reversed(leaves)
         made.names += unit.names
         made.nodes += [self._row(node) for node in range(size)]
-        made.kinds.append(Kind(unit.key, slots, starts, rings, order, unit.window, events))
+        made.kinds.append(InstanceKind(unit.key, slots, starts, rings, order, unit.window, events))
         made.levels = max(made.levels, *map(self._levels, range(size)), *(one.levels for one in leaves))
         made.depth = max(made.depth, weights[0])
 

@@ -117,7 +117,6 @@ class SqlPostgresBackend(SqlBackend):
     form_of: ClassVar[str | None] = "sql"
     readable: ClassVar[bool] = False
     values: ClassVar[frozenset[Value]] = JSON_VALUES
-    tools: ClassVar[tuple[str, ...]] = ()
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Raise `OptionError`: there is no reader for PostgreSQL."""
@@ -143,7 +142,6 @@ class SqlTableBackend(SqlBackend):
 
     name: ClassVar[str] = "sql-table"
     form_of: ClassVar[str | None] = "sql"
-    tools: ClassVar[tuple[str, ...]] = ()
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
     relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.EXACT})

@@ -18,7 +18,7 @@ from rvaft.errors import TooLarge, TreeError
 from rvaft.model.nodes import Kind, Node
 from rvaft.model.tree import RVAFT, reachable
 from rvaft.support.bits import bits, union
-from rvaft.support.plugins import plugin
+from rvaft.support.plugins import display
 
 DEFAULT_LIMIT = 20_000
 _MOST: Final = 10**9
@@ -55,7 +55,7 @@ class Branch:
     @cached_property
     def formula(self) -> str:
         """The property as text: `;` sequence, `&` any order, `|` choice, conditions in brackets."""
-        return cast("str", plugin("rvaft.displays", "branch")(self))
+        return cast("str", display("branch")(self))
 
     def children(self, name: str) -> tuple[str, ...]:
         """Return the children of a node that the branch keeps."""

@@ -30,8 +30,6 @@ _SORTS: Final[Mapping[ValueType, Sort]] = {
     ValueType.TIME: Sort.UNKNOWN,
     ValueType.ANY: Sort.UNKNOWN,
 }
-KNOWN_SORTS: Final = frozenset({Sort.NUMBER, Sort.TEXT, Sort.TRUTH})
-"""The sorts that a declared type fixes."""
 _TEXT_TESTS: Final = frozenset(
     {
         Operator.EQ,

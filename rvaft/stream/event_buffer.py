@@ -19,7 +19,7 @@ from rvaft.support.files import opened
 BOUND: Final = 10_000
 
 
-class _Row(NamedTuple):
+class _EventRow(NamedTuple):
     """Events in order, each after its number; `first` is that of the first, and `start` how many came in other rows.
 
     `lines` are those of the events after `before`, or ().
@@ -57,7 +57,7 @@ class EventBuffer:
         self.reader = reader
         self._known: OrderedDict[int, Json] = OrderedDict()  # a dict finds its first key slowly after removals
         self._lines: dict[int, int | None] = {}
-        self._rows: list[_Row] = []
+        self._rows: list[_EventRow] = []
         """Later events, in rows as they came, since few of them are ever asked for."""
         self._end = 0
         """The number of events of all rows so far."""
@@ -74,7 +74,7 @@ class EventBuffer:
 
         `lines` are those of the events after `before`. Further values of the tuples are not read.
         """
-        self._rows.append(_Row(events[0][0], self._end, events, before, lines))
+        self._rows.append(_EventRow(events[0][0], self._end, events, before, lines))
         self._end += len(events)
         while self._rows[0].start + len(self._rows[0].events) <= self._end - BOUND:
             del self._rows[0]

@@ -5,7 +5,7 @@ drawings are imported on use: a translation needs neither.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rvaft.backend import Backend, Metrics, Specification, UnknownBackend, all_backends, backend
 from rvaft.core.branches import Branch
@@ -44,6 +44,9 @@ from rvaft.monitors import (
 from rvaft.rules.loading import load, loads
 from rvaft.rules.rule import Finding, Severity
 from rvaft.rules.validity import valid_part
+
+if TYPE_CHECKING:
+    from rvaft.coverage.near_misses import NearMisses
 
 __all__ = [
     "RVAFT",
@@ -93,7 +96,9 @@ __all__ = [
     "dumps",
     "load",
     "loads",
+    "log",
     "monitor",
+    "near_misses",
     "to_dot",
     "translate",
 ]
@@ -163,6 +168,40 @@ def monitor(
     repeat = repeat or repeat_by is not None
     engine = repeating_engine(part, meaning, limit=limit, repeat=repeat, by=repeat_by)
     return Repetition(engine) if repeat else engine
+
+
+def near_misses(
+    tree: RVAFT, events: Iterable[Any], *, semantics: Semantics | str | None = None, branch: int | None = None
+) -> "NearMisses":
+    """Return why nothing was detected: the matches that lack one condition, closest first (`rvaft.coverage`).
+
+    They are looked for among the last 10,000 events. Raises the errors of `monitor`.
+
+    >>> log = [{"event": name} for name in "ab"]
+    >>> [miss.text for miss in near_misses(loads("top sand a b c;"), log, semantics="scattered").found]
+    ['all but c']
+    """
+    expect("tree", tree, RVAFT, _TREE)
+    expect("branch", branch, int | None, "an int")
+    from rvaft.coverage.near_misses import near_misses as found  # noqa: PLC0415 -- imported on use
+
+    return found(tree, events, semantics=semantics, branch=branch)
+
+
+def log(frame: object) -> Iterator[dict[str, Any]]:
+    """Return the rows of a table as events: a DataFrame of pandas or polars, or a table of Arrow.
+
+    A missing value means that the event lacks the field. Times are read as from Parquet, as texts in ISO 8601.
+    Raises `ToolMissing` without `pyarrow` (extra `parquet`), `TraceError`, and `WrongType`.
+
+    >>> import pandas
+    >>> frame = pandas.DataFrame({"event": ["a", "b"], "size": [300, None]})
+    >>> [verdict.symbol for verdict in monitor(loads("top sand a b;")).run(log(frame))]
+    ['?', '⊤']
+    """
+    from rvaft.readers.parquet import frame_events  # noqa: PLC0415 -- imported on use
+
+    return frame_events(frame)
 
 
 def check(tree: RVAFT) -> list[Finding]:

@@ -9,6 +9,7 @@ from typing import Final, NamedTuple, Self, TypeAlias, TypeVar
 
 from rvaft.errors import RvaftError, TooLarge, TraceError
 from rvaft.model.event_time import duration_text
+from rvaft.model.foreign_values import as_json
 from rvaft.model.nodes import Kind, Side
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
@@ -218,13 +219,17 @@ class Monitor(ABC):
         return self._verdict
 
     def step(self, event: Json) -> Verdict:
-        """Read an event and return the verdict after it; raises `TraceError` for a non-mapping."""
+        """Read an event and return the verdict after it.
+
+        Values of NumPy, pandas and the standard library are read as those of JSON. Raises `TraceError` for
+        another object than a mapping, and `WrongType` for a value that has no form in JSON.
+        """
         if not isinstance(event, Mapping):
             message = f"an event is a JSON object (a dict), not {type(event).__name__}: decode the line first"
             raise TraceError(message, line=self._read + 1)
         self._read += 1
         if not self._verdict.final:
-            self._verdict = self._advance(event)
+            self._verdict = self._advance(as_json(event))
         return self._verdict
 
     def run(self, events: Iterable[Json]) -> Iterator[Verdict]:

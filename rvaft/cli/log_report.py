@@ -131,6 +131,7 @@ class PageRequest:
                     several=self._traces.several,
                     detections=False,
                     drawn=False,
+                    near=False,
                     drawing=None,
                     hooks=Hooks(),
                     checkpoints=None,

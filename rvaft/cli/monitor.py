@@ -207,6 +207,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             complete=given["complete"],
             several=traces.several,
             drawn=given["explain"] == TERMINAL,
+            near=_has_near_misses(given, part) and engine is None and native_run is None,
             drawing=drawing,
             hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
             checkpoints=checkpoints,
@@ -215,7 +216,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             unchosen=given["semantics"] is None and whole.semantics is None and given["backend"] is None,
             many=many,
         )
-        for (file, whole), plan in zip(wholes.items(), plans, strict=True)
+        for (file, whole), plan, part in zip(wholes.items(), plans, parts, strict=True)
     ]
     for one in settings if given["template"] is not None else ():
         with about(one.name, many=many):
@@ -226,6 +227,13 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     else:
         status = run(settings, traces.sources, given["jobs"])
     return FAILED if traces.missing.met else status
+
+
+def _has_near_misses(given: Mapping[str, Any], part: RVAFT) -> bool:
+    """Whether the text of the engine's run over a tree ends with near misses."""
+    text = given["explain"] == TERMINAL and given["form"] == "text" and given["template"] is None
+    of_kind = part.part_of is not None and part.part_of.kind is not None
+    return text and not given["detections"] and not given["repeat"] and given["backend"] is None and not of_kind
 
 
 def _traces(given: dict[str, Any], trees: Sequence[RVAFT]) -> "TracesGiven":

@@ -30,6 +30,7 @@ from rvaft.support.wording import counted
 
 if TYPE_CHECKING:
     from rvaft.cli.native_run import NativeRun
+    from rvaft.coverage.near_misses import RecentEvents
 
 ENDS: Final = 1_000
 """Maximum number of keys whose missing events are listed, which takes time."""
@@ -107,8 +108,9 @@ class MonitorSettings:
     """How all traces are run and reported; `name` is the tree's name.
 
     With `several`, lines name their trace. `unchosen`: the semantics is the default. With
-    `detections` only detections are printed; with `drawn` they are drawn in the text. The first
-    detection is drawn to the file `drawing`. With `many`, it is one of several trees, which lines name.
+    `detections` only detections are printed; with `drawn` they are drawn in the text, and with `near` the text
+    ends with near misses. The first detection is drawn to the file `drawing`. With `many`, it is
+    one of several trees, which lines name.
     """
 
     plan: MonitoringPlan
@@ -119,6 +121,7 @@ class MonitorSettings:
     form: str
     detections: bool
     drawn: bool
+    near: bool
     drawing: str | None
     hooks: Hooks
     checkpoints: CheckpointFile | None
@@ -284,7 +287,18 @@ class _Text(Reporter):
     each_key = False
     sums = True
 
+    def __init__(self, settings: MonitorSettings, sink: Sink) -> None:
+        super().__init__(settings, sink)
+        self._recent = _recent_events() if settings.near else None
+        self.concerned = settings.near
+
+    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
+        if self._recent is not None:
+            self._recent.event(watch, number, event)
+
     def change(self, change: VerdictChange) -> None:
+        if self._recent is not None:
+            self._recent.change(change)
         self.sink.line(*self.lines(change, self.where(change.watch)))
 
     def end(self, watch: MonitoredTrace) -> None:
@@ -301,6 +315,15 @@ class _Text(Reporter):
             rows = [(one.title, *_ended(watch.monitors, at, repeat=repeat)) for at, one in enumerate(self.columns)]
             for line in columns([("MONITOR", *_ENDS[repeat]), *rows]):
                 self.sink.line(f"  {line}")
+
+    def finish(self, rows: Sequence[SummaryRow], totals: Totals) -> None:
+        """Print the near misses of traces and keys without a detection, and the summary."""
+        closest = None if self._recent is None else self._recent.closest()
+        if closest is not None and closest.found:
+            lines = (f"  {self.where(watch)}{line}" for watch, _, line in closest.found)
+            self.sink.line(f"{self.settings.of_tree}near misses, closest first:", *lines)
+            self.sink.line(*(f"note: {note}" for note in closest.notes))
+        super().finish(rows, totals)
 
     def where(self, watch: MonitoredTrace) -> str:
         """Return the prefix with tree, trace and key, if there are several."""
@@ -411,6 +434,12 @@ class _Table(_Text):
         if self._left_out:
             self._rows.append((f"({self._left_out} more)", *("" for _ in self.columns)))
             self._left_out = 0
+
+
+def _recent_events() -> "RecentEvents":
+    from rvaft.coverage.near_misses import RecentEvents  # noqa: PLC0415 -- imported on use
+
+    return RecentEvents()
 
 
 REPORTERS: Final = {"text": _Text, "table": _Table, "jsonl": _JsonLines}

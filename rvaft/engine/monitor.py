@@ -10,8 +10,9 @@ from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, Tree
 from rvaft.engine.explanation import together
 from rvaft.engine.selection import strategy_of
 from rvaft.engine.strategy import BatchEvent, Noted, Strategy
-from rvaft.errors import OptionError
+from rvaft.errors import OptionError, WrongType
 from rvaft.model.event_time import JUMPS, Jump
+from rvaft.model.foreign_values import SCALARS, as_json
 from rvaft.model.tree import RVAFT, resolve_repetition
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -163,13 +164,25 @@ class Engine(Monitor):
     def step(self, event: Json) -> Verdict:
         """Read an event and return the verdict; raises `TraceError` for other JSON."""
         if type(event) is not dict or self._verdict is not _UNKNOWN or self._may_be_late:
-            return super().step(event)
+            return super().step(self._as_json(event) if isinstance(event, Mapping) else event)
+        if not SCALARS.issuperset(map(type, event.values())):
+            event = self._as_json(event)
         self._read += 1  # the fast path for most events
         self._position += 1
         strategy = self._strategy
         reading = strategy.read(event, strategy.letters.classify(event))
         verdict = self._verdict = strategy.advance(reading, self._position)
         return verdict
+
+    def _as_json(self, event: Mapping[str, Json]) -> Mapping[str, Json]:
+        """Return an event with JSON values; raises `WrongType` for an instant that the tree reads as a number."""
+        made = as_json(event)
+        if made is not event and self.tree.time is not None and self._read_time is not None:
+            given = self.tree.time.written(event)
+            if isinstance(given, datetime) and self._read_time(made) is None:
+                form, field = self.tree.time.format, ".".join(self.tree.time.field)
+                raise WrongType(f"the time {field} of an event", given, f"a value that the tree reads `as {form}`")
+        return made
 
     def go_on_after(self, earlier: Self) -> None:
         """Continue after another engine of the same tree; this engine must be new."""

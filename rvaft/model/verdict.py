@@ -14,6 +14,14 @@ class Verdict(StrEnum):
     FALSE = "false"
     UNKNOWN = "unknown"
 
+    def __bool__(self) -> bool:
+        """Whether the verdict is ⊤: `if monitor.step(event): ...` acts on a detection.
+
+        >>> [bool(verdict) for verdict in Verdict]
+        [True, False, False]
+        """
+        return self is Verdict.TRUE
+
     @property
     def final(self) -> bool:
         """Whether the verdict can never change again."""

@@ -10,10 +10,12 @@ from base64 import b64encode
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import accumulate, pairwise
+from math import isfinite
 from pathlib import Path
 from typing import Any, ClassVar, Final, TypeAlias
 
-from rvaft.errors import ToolMissing, TraceError, installed
+from rvaft.errors import ToolMissing, TraceError, WrongType, installed
+from rvaft.model.foreign_values import as_json
 from rvaft.model.values import Json, decimal
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import Log, LogReader
@@ -119,6 +121,47 @@ def picked(log: Log, numbers: Iterable[int]) -> Iterator[tuple[int, dict[str, Js
                         raise log.error_at("a value cannot be written as JSON", row)
                     yield row, event
             first = after
+
+
+def frame_events(frame: object) -> Iterator[dict[str, Json]]:
+    """Return the rows of a table of pandas, polars, Arrow or another library of Arrow's interface, as events.
+
+    A missing value, and a number that is not finite, means that the event lacks the field. Raises `ToolMissing`,
+    `TraceError`, and `WrongType` for another object.
+
+    >>> import pyarrow
+    >>> list(frame_events(pyarrow.table({"event": ["a", "b"], "x": [1, None]})))
+    [{'event': 'a', 'x': 1}, {'event': 'b'}]
+    """
+    pyarrow = installed("pyarrow", "pyarrow", _REMEDY)
+    of_pandas = hasattr(frame, "to_dict") and hasattr(frame, "iterrows")
+    if not of_pandas and not hasattr(frame, "__arrow_c_stream__"):
+        raise WrongType("a log", frame, "a DataFrame of pandas or polars, or a table of Arrow")
+    try:
+        table = pyarrow.Table.from_pandas(frame, preserve_index=False) if of_pandas else pyarrow.table(frame)
+    except pyarrow.ArrowException:
+        if not of_pandas:
+            raise
+        return _of_records(frame)
+    return (event for batch in table.to_batches(_ROWS) for event in _of_batch(batch))
+
+
+def _of_records(frame: Any) -> Iterator[dict[str, Json]]:
+    """Iterate over the rows of a table of pandas whose columns have values of several types."""
+    for row in frame.to_dict("records"):
+        event = as_json({str(name): value for name, value in row.items()})
+        yield {name: value for name, value in event.items() if value is not None and value == value}  # noqa: PLR0124
+
+
+def _of_batch(batch: _Batch) -> Iterator[dict[str, Json]]:
+    try:
+        rows = zip(*map(_values, batch.columns), strict=True)
+    except ValueError as error:
+        raise TraceError(str(error), file="the table", line=None) from error
+    names = batch.schema.names
+    for row in rows:
+        pairs = ((name, value) for name, value in zip(names, row, strict=True) if value is not None)
+        yield {name: value for name, value in pairs if not isinstance(value, float) or isfinite(value)}
 
 
 def _events(batch: _Batch, log: Log, before: int) -> list[dict[str, Json] | None]:

@@ -28,6 +28,7 @@ from typing import Any, Final
 from rvaft.core.branches import branches
 from rvaft.core.letters import Letter
 from rvaft.core.restriction import whole
+from rvaft.coverage.near_misses import RecentEvents
 from rvaft.errors import TooLarge
 from rvaft.export.property_text import property_text
 from rvaft.export.svg import svg_text
@@ -142,6 +143,11 @@ class LogReport(Listener):
         self._messages_revised = self._revision = 0
         self._share = SHARE if grows else FINISHED_SHARE
         self._due = self._refilled = monotonic()
+        whole_tree = plan.monitors.columns[0].part.part_of is None
+        self._recent = RecentEvents() if whole_tree and not plan.monitors.repeat else None
+        self._missed: list[list[Any]] = []
+        """The near misses: a line, the place of the watch, and the number of the last event."""
+        self._missed_due = 0.0
 
     def begin(self, watch: MonitoredTrace) -> None:
         """Register a trace or key."""
@@ -153,6 +159,8 @@ class LogReport(Listener):
 
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
         """Note a relevant event without a change."""
+        if self._recent is not None:
+            self._recent.event(watch, number, event)
         nodes = self._fitting(event)
         if not nodes:  # relevant, but not an event of the tree
             return
@@ -167,6 +175,8 @@ class LogReport(Listener):
 
     def change(self, change: VerdictChange) -> None:
         """Note a change of verdicts."""
+        if self._recent is not None:
+            self._recent.change(change)
         if 0 in change.detected:
             self._detections += 1
             key = "".join(f"{_text(value)}, " for value in change.watch.key or ())
@@ -290,6 +300,7 @@ class LogReport(Listener):
                 "at": self._at[changes:],
                 "changes": self._changes[changes:],
                 "watches": [[at, row] for at, row in enumerate(self._rows) if self._revised[at] > revision],
+                "near": self._missed,
                 "traces": self._traces,
                 "clock": self._clock,
                 **new_messages,
@@ -345,6 +356,7 @@ class LogReport(Listener):
             "undetected": self._undetected,
             "at": self._at,
             "changes": self._changes,
+            "near": self._missed,
             "told": self._shown,
         }
 
@@ -355,6 +367,7 @@ class LogReport(Listener):
             at = self._lists["watch"][last]
             if at not in self._ended:
                 self._find_late(last, self._watches[at])
+        self._look_for_near_misses()
         if dict(messages) != self._messages:
             self._revision += 1
             self._messages, self._messages_revised = dict(messages), self._revision
@@ -374,6 +387,18 @@ class LogReport(Listener):
             self._revised[at] = self._revision
         self._rows = rows
         self._due = monotonic() + (monotonic() - begun) / SHARE
+
+    def _look_for_near_misses(self) -> None:
+        """Update the near misses, at intervals in proportion to the time that it takes."""
+        begun = monotonic()
+        if self._recent is None or begun < self._missed_due:
+            return
+        at = {id(watch): place for place, watch in enumerate(self._watches)}
+        closest = [one for one in self._recent.closest().found if id(one[0]) in at]
+        found = [[visible(line), at[id(watch)], miss.events[-1]] for watch, miss, line in closest]
+        self._revision += found != self._missed
+        self._missed = found
+        self._missed_due = monotonic() + (monotonic() - begun) / SHARE
 
     def _make_room_where_full(self) -> None:
         if len(self._lists["number"]) >= self.most or len(self._changes) >= CHANGES:

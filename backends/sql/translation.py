@@ -26,7 +26,8 @@ from functools import cached_property
 from itertools import combinations
 from typing import Final, assert_never
 
-from backends.joins import COUNTED, LONGEST, JoinedScenario, joined_scenarios, variable_paths
+from backends.counted_leaves import LONGEST, single_rows
+from backends.joins import COUNTED, JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
@@ -142,7 +143,7 @@ class SqlQuery:
         many = any(one.counts for one in self.scenarios)
         counted = self.scenarios
         if semantics is Semantics.SCATTERED and not loose:
-            counted = tuple(one.counted(self.lateness) for one in self.scenarios)
+            counted = tuple(single_rows(one, self.lateness) for one in self.scenarios)
         self.counted = any(one.counts_of for one in counted) and not any(one.counts for one in counted)
         """Whether counted leaves are single rows."""
         self.first = minimal and not self.counted and ((several and loose) or many)

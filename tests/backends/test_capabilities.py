@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 import pytest
 
-from backends.conformance import GROUPS
+from backends.conformance.trees import GROUPS
 from rvaft import Backend, Metrics, NotExpressible, Semantics, ToolFailed, loads, translate
 from rvaft.backend import SpecificationText, backend
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value, described, table

@@ -13,7 +13,8 @@ from typing import TypeAlias
 
 import pytest
 
-from backends.conformance import asks_of_strings, examples, traces
+from backends.conformance import examples, traces
+from backends.conformance.requirements import asks_of_strings
 from backends.rml import RmlBackend, writer
 from backends.rml.prolog import prolog
 from backends.rml.reader.parser import parse

@@ -153,6 +153,27 @@ class _Placing(ABC):
     def _row(self, node: int) -> str:
         """Return the row of a node."""
 
+    @abstractmethod
+    def _after(self, node: int) -> str:
+        """Return the role of a child of a sequence but the first one."""
+
+    def _role(self, node: int) -> str:
+        """Return the role of a node in its gate."""
+        gate, op, before, *_ = self._unit.places[node]
+        match op:
+            case _ if gate < 0:
+                return "ROOT"
+            case Op.ONE:
+                return "ONLY"
+            case Op.ALL | Op.AT_LEAST:
+                return "BESIDE"
+            case Op.SEQUENCE | Op.ENDS:
+                return "FIRST" if before < 0 else self._after(node)
+            case Op.LEAF:
+                raise AssertionError("a leaf has no children")
+            case _:
+                assert_never(op)
+
     def _is_kept(self, node: int) -> bool:
         """Whether the matches of a node are kept."""
         return (
@@ -225,28 +246,18 @@ class _Starts(_Placing):
     def _room(self, leaf: UnitLeaf, levels: int) -> int:
         return leaf.number * levels if leaf.number > 1 else 0
 
+    def _after(self, node: int) -> str:
+        return "AFTER" if self._pops(node) else "ENDING"
+
     def _row(self, node: int) -> str:
-        gate, op, before, _, siblings, need = self._unit.places[node]
-        elder, order = NONE, 0
-        match op:
-            case _ if gate < 0:
-                how = "ROOT"
-            case Op.ONE:
-                how = "ONLY"
-            case Op.ALL | Op.AT_LEAST:
-                how, order = "BESIDE", self._order[gate]
-            case Op.SEQUENCE | Op.ENDS:
-                how = "FIRST" if before < 0 else "AFTER" if self._pops(node) else "ENDING"
-                elder = str(self._slots[before]) if how == "ENDING" else NONE
-            case Op.LEAF:
-                raise AssertionError("a leaf has no children")
-            case _:
-                assert_never(op)
-        place = self._slots.get(node, NONE)
+        gate, _, before, _, siblings, need = self._unit.places[node]
+        role, place = self._role(node), self._slots.get(node, NONE)
+        elder = self._slots[before] if role == "ENDING" else NONE
+        order = self._order[gate] if role == "BESIDE" else 0
         numbers = self._gate(node), place, elder, order, max(1, len(siblings)), max(1, need)
         levels = self._levels(node)
         within = duration(self._unit.windows[node])
-        return f"{{{within}, {', '.join(map(str, numbers))}, {levels}, {how}, {self._again(node)}}}"
+        return f"{{{within}, {', '.join(map(str, numbers))}, {levels}, {role}, {self._again(node)}}}"
 
 
 class _Fronts(_Placing):
@@ -266,30 +277,20 @@ class _Fronts(_Placing):
     def _room(self, leaf: UnitLeaf, levels: int) -> int:  # noqa: ARG002 (none)
         return 1 if leaf.number > 1 else 0
 
+    def _after(self, node: int) -> str:  # noqa: ARG002 (the same for all)
+        return "AFTER"
+
     def _row(self, node: int) -> str:
         unit = self._unit
-        gate, op, before, _, siblings, need = unit.places[node]
-        elder, beside = NONE, 0
-        match op:
-            case _ if gate < 0:
-                how = "ROOT"
-            case Op.ONE:
-                how = "ONLY"
-            case Op.ALL | Op.AT_LEAST:
-                how, beside = "BESIDE", self._slots[siblings[0]]
-            case Op.SEQUENCE | Op.ENDS:
-                how = "FIRST" if before < 0 else "AFTER"
-                elder = NONE if before < 0 else str(self._slots[before])
-            case Op.LEAF:
-                raise AssertionError("a leaf has no children")
-            case _:
-                assert_never(op)
-        place = self._slots.get(node, NONE)
+        _, op, before, _, siblings, need = unit.places[node]
+        role, place = self._role(node), self._slots.get(node, NONE)
+        elder = self._slots[before] if role == "AFTER" else NONE
+        beside = self._slots[siblings[0]] if role == "BESIDE" else 0
         numbers = self._number, self._gate(node), place, elder, beside, max(1, len(siblings)), max(1, need)
         apart = op is Op.SEQUENCE and before >= 0 and not unit.direct[node]
         flags = self._again(node), self._positions.inside[node], self._positions.followed[node], apart
         durations = f"{duration(unit.windows[node])}, {duration(unit.limits[node])}"
-        return f"{{{durations}, {', '.join(map(str, numbers))}, {how}, {', '.join(str(int(one)) for one in flags)}}}"
+        return f"{{{durations}, {', '.join(map(str, numbers))}, {role}, {', '.join(str(int(one)) for one in flags)}}}"
 
 
 def duration(window: int | None) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Hashable, Iterable, Mapping
 from typing import Final, Generic, NamedTuple, TypeVar
 
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
-from rvaft.model.values import Json, key
+from rvaft.model.values import KEYS, Json, key
 
 T = TypeVar("T")
 
@@ -21,7 +21,6 @@ WIDEST: Final = 64
 LONGEST: Final = 200
 """Events with longer strings in the fields of literals are not cached."""
 _NOT_THERE: Final = ("no scalar",)
-_PLAIN: Final = (str, int, float)
 
 
 class Decided(NamedTuple):
@@ -182,7 +181,7 @@ def literals_of(pattern: Pattern) -> dict[str, Hashable]:
 def key_at(event: Mapping[str, Json], field: str) -> Hashable:
     """Return the key of a field's value; objects, lists and absent fields share one key."""
     value: Hashable = event.get(field, _NOT_THERE)
-    if type(value) in _PLAIN:
+    if type(value) in KEYS:
         return value
     return _NOT_THERE if isinstance(value, (Mapping, list, tuple)) else key(value)
 

@@ -3,7 +3,6 @@
 from collections import abc
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain, combinations
 from typing import Final, TypeAlias, assert_never
 
 from rvaft.core.property import (
@@ -21,6 +20,7 @@ from rvaft.core.property import (
     Without,
     chooses,
     fewest,
+    kept_ways,
     parts_below,
 )
 from rvaft.errors import TooLarge
@@ -99,7 +99,7 @@ def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) ->
         options = [part for part in gate.parts if part in possible]
         least = fewest(gate)
         most = least if minimal or isinstance(gate, One) else len(options)
-        for kept in chain.from_iterable(combinations(options, size) for size in range(least, most + 1)):
+        for kept in kept_ways(options, least, most):
             now = reached
             for part in kept:
                 now |= surely[part]

@@ -16,13 +16,12 @@ from rvaft.engine.compiled_tree import NOTHING, Admission, CompiledTree, EventCl
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Matching
 from rvaft.engine.stages import Stage, StageMove, Stages, agree
-from rvaft.model.values import Json, exact
+from rvaft.model.values import OWN_TYPES, Json, exact
 from rvaft.model.verdict import Semantics, Verdict
 
 SMALL: Final = 500
 """The maximum number of nodes of a small tree. With 1,000 leaves, the stages take 2 to 3 times as long as
 `LargeContiguousMatches` for the first events, and up to 6 times for later ones."""
-_PLAIN: Final = frozenset({str, int})
 _UNMATCHED: Final[tuple[Mapping[str, Json], EventClass]] = ({}, EventClass())
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
@@ -250,7 +249,7 @@ class ContiguousMatches(Following):
                 kept = {name: bound[name] for name in stage.names}
                 key: tuple[Any, ...] = (stage,)
                 if timed or len(steps) > 1:
-                    key = (stage, *[value if type(value) in _PLAIN else exact(value) for value in kept.values()])
+                    key = (stage, *[value if type(value) in OWN_TYPES else exact(value) for value in kept.values()])
                 if key not in made:
                     made[key] = _new(Follower, (kept, _new(Witness, (last, move.node, position, values))))
             if len(made) > self.limit:

@@ -19,8 +19,11 @@ EXACT_INTEGERS: Final = 2**53
 """Integers below it, and their differences, are doubles without rounding."""
 LONG: Final = 16
 """A decimal with fewer characters is the shortest one of its double."""
-_PLAIN: Final = (str, int, float, bool, type(None))
-_KEYS: Final = (str, int, float)
+_SCALARS: Final = (str, int, float, bool, type(None))
+KEYS: Final = (str, int, float)
+"""The types of which a value is its own `key`, unless it is NaN."""
+OWN_TYPES: Final = frozenset({str, int})
+"""The types of which two values of one type are equal exactly if they are so in Python."""
 
 
 class Exact(float):
@@ -84,12 +87,12 @@ def is_finite(value: Json) -> bool:
     >>> is_finite({"a": [1.5]}), is_finite([float("nan")])
     (True, False)
     """
-    if type(value) in _PLAIN:  # the most frequent case
+    if type(value) in _SCALARS:  # the most frequent case
         return type(value) is not float or math.isfinite(value)
     todo = [value]
     while todo:
         part = todo.pop()
-        if type(part) in _PLAIN:
+        if type(part) in _SCALARS:
             if type(part) is float and not math.isfinite(part):
                 return False
         elif isinstance(part, Mapping):
@@ -188,7 +191,7 @@ def exact(value: Json) -> Hashable:
     >>> exact(1) == exact(1.0), exact(1) == exact(True), exact([math.nan]) == exact([math.nan])
     (True, False, True)
     """
-    return value if type(value) in _KEYS and value == value else _flattened(value, exactly=True)  # noqa: PLR0124
+    return value if type(value) in KEYS and value == value else _flattened(value, exactly=True)  # noqa: PLR0124
 
 
 def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:

@@ -9,10 +9,9 @@ from typing import Final, NamedTuple, Self, TypeAlias, TypeVar
 
 from rvaft.errors import RvaftError, TooLarge, TraceError
 from rvaft.model.event_time import duration_text
-from rvaft.model.foreign_values import as_json
 from rvaft.model.nodes import Kind, Side
 from rvaft.model.tree import RVAFT
-from rvaft.model.values import Json
+from rvaft.model.values import Json, as_json
 from rvaft.model.verdict import Verdict
 
 

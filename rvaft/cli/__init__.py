@@ -24,7 +24,7 @@ import click
 from rvaft.errors import LanguageError, RvaftError, ToolFailed
 from rvaft.support import output
 from rvaft.support.collector import exempt_all, no_collections
-from rvaft.support.terminal import cut, inert, visible
+from rvaft.support.terminal import cut, inert, takes_colour, visible
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -51,6 +51,7 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
         "branches": "List the branches of a tree: number, kinds, property.",
         "fields": "List the kinds of events in a log, and their fields.",
         "infer": "Write a tree to start from, inferred from a log.",
+        "new": "Write a tree to start from, with the language in comments.",
     },
     "Monitor": {
         "monitor": "Monitor the events of logs and print verdicts.",
@@ -76,6 +77,7 @@ command.
 _OTHERS: Final = "Other commands"
 _LISTED: Final = {name: text for group in _GROUPS.values() for name, text in group.items()}
 _UNREADABLE: Final = "(cannot be loaded)"
+_COLOURS: Final = {"error": "red", "warning": "yellow"}
 
 
 class Stopped(Exception):
@@ -121,7 +123,7 @@ def report(error: BaseException) -> None:
             sys.stdout.flush()
     except OSError:
         _discard_output()
-    click.echo(inert("\n".join(described(error))), err=True)
+    click.echo(painted(inert("\n".join(described(error)))), err=True)
 
 
 class Failures:
@@ -150,7 +152,16 @@ class Failures:
 
 def warn(message: str) -> None:
     """Print a warning on standard error."""
-    click.echo(inert(visible(f"rvaft: warning: {message}")), err=True)
+    click.echo(painted(inert(visible(f"rvaft: warning: {message}"))), err=True)
+
+
+def painted(text: str) -> str:
+    """Return a message whose beginning has a colour, on a terminal."""
+    for word, colour in _COLOURS.items():
+        begins = f"rvaft: {word}:"
+        if text.startswith(begins) and takes_colour(sys.stderr):
+            return click.style(begins, fg=colour, bold=True) + text.removeprefix(begins)
+    return text
 
 
 def described(error: BaseException) -> list[str]:
@@ -262,6 +273,8 @@ class Commands(click.Group):
         from difflib import get_close_matches  # noqa: PLC0415
 
         meant = get_close_matches(cmd_name, known, n=1)
+        if cmd_name.endswith((".rvaft", ".dft")):
+            raise click.UsageError(f"{cmd_name} is a tree: name a command first, as in rvaft show {cmd_name}", ctx)
         hint = f"; did you mean {meant[0]}?" if meant else ""
         raise click.UsageError(f"unknown command {cmd_name!r}; known: {', '.join(known)}{hint}", ctx)
 

@@ -2,6 +2,7 @@
 explain`.
 """
 
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import PurePath
 from typing import Final
@@ -16,7 +17,7 @@ from rvaft.language.parser import NoTree
 from rvaft.model.nodes import Place
 from rvaft.rules.registry import RULES, SYNTAX, check, explain, meanings
 from rvaft.rules.rule import Finding, Severity
-from rvaft.support.terminal import columns, inert, readable_json, visible
+from rvaft.support.terminal import columns, inert, readable_json, takes_colour, visible
 
 _FORMATS: Final = "Output format; github prints workflow annotations, sarif prints SARIF 2.1.0."
 
@@ -54,11 +55,22 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
         findings += found
         if form == "text":
             for finding in found:
-                click.echo(inert(visible(str(finding))))
+                click.echo(_painted(finding))
     if form != "text":
         click.echo(_FORMS[form](findings + unreadable), nl=form != "github")
     serious = any(finding.severity in {Severity.ERROR, *([Severity.WARNING] * strict)} for finding in findings)
     return max(status, FOUND if serious else 0)
+
+
+def _painted(finding: Finding) -> str:
+    """Return the line of a finding, with its severity in colour on a terminal."""
+    line, word = inert(visible(str(finding))), f" {finding.severity.value}: "
+    if not takes_colour(sys.stdout):
+        return line
+    return line.replace(word, click.style(word, fg=_COLOURS[finding.severity], bold=True), 1)
+
+
+_COLOURS: Final = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.INFORMATION: "blue"}
 
 
 def _json(findings: Sequence[Finding]) -> str:

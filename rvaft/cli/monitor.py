@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import click
 
@@ -52,6 +52,19 @@ TERMINAL: Final = "-"
 class MonitorCommand(TreesCommand):
     """Parses `--explain [FILE]`, where FILE must have a drawing suffix, and `TREE... -- LOG...`."""
 
+    groups: ClassVar[Mapping[str, tuple[str, ...]]] = {
+        "What is detected": ("semantics", "branch", "kind", "per", "word"),
+        "The log": (
+            *("input_form", "profile", "records", "types", "pattern", "order_by", "window", "distinct"),
+            *("max_distinct", "strict_json"),
+        ),
+        "Detections": ("repeat", "repeat_by", "cooldown", "key", "max_keys"),
+        "Live logs": ("follow", "clock", "complete", "checkpoint", "checkpoint_every"),
+        "Output": ("explain", "form", "detections", "template", "foxglove"),
+        "Reactions": ("execute", "exec_fault", "exec_attack"),
+        "Speed and limits": ("native", "engine", "backend", "jobs", "max_configurations"),
+    }
+
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse, after making a bare `--explain` explicit."""
         made: list[str] = []
@@ -89,6 +102,13 @@ _OF_ONE_TREE: Final = {
     "foxglove": "a server or file shows one",
 }
 """Options that cannot serve several trees, each with the reason."""
+_EXPLAIN: Final = "Draw the detections in the text, and list near misses; or draw the first detection to FILE."
+_EXAMPLES: Final = """\b
+Examples:
+  rvaft monitor guessing.rvaft auth.jsonl --explain
+  rvaft monitor guessing.rvaft logs/*.jsonl --repeat-by User --format ecs
+  journalctl -f -o json | rvaft monitor guessing.rvaft --profile journald
+"""
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
 _ORDER: Final = "Sort events by this field, a number or an ISO 8601 time."
@@ -113,7 +133,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 """The error beyond the limit also names this option."""
 
 
-@click.command("monitor", cls=MonitorCommand)
+@click.command("monitor", cls=MonitorCommand, epilog=_EXAMPLES)
 @click.argument("tree", metavar="TREE... [--]")
 @options.reading_options
 @options.semantics_option
@@ -126,9 +146,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @options.output_format(*REPORTERS, *FORMS)
 @click.option("--template", metavar="TEXT|@FILE", help="Print each detection as this text with placeholders.")
 @click.option("--detections", is_flag=True, help="With --format jsonl, print only events that detect.")
-@click.option(
-    "--explain", metavar="[FILE]", callback=_drawable, help="Draw the detections in the text, or the first one to FILE."
-)
+@click.option("--explain", metavar="[FILE]", callback=_drawable, help=_EXPLAIN)
 @options.repeat_options
 @stream_options
 @click.option("--native", is_flag=True, help="Compile the monitor, which needs a C compiler.")

@@ -25,7 +25,7 @@ from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import OTHERS, Statistics
 from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.stream.whole_log import QueryEngine
-from rvaft.support.terminal import ProgressBar, columns, cut, readable_json, visible
+from rvaft.support.terminal import ProgressBar, columns, cut, readable_json, takes_colour, visible
 from rvaft.support.wording import counted
 
 if TYPE_CHECKING:
@@ -53,6 +53,12 @@ AFRESH: Final = (
 """The note on several logs that may be parts of one."""
 
 
+class DrawnLine(str):
+    """A line of a drawing, in which hidden characters are escaped; it may have colours."""
+
+    __slots__ = ()
+
+
 class Sink:
     """The destination of a run's output: standard output and error, or a file and a list of error
     lines that another process passes on.
@@ -72,8 +78,14 @@ class Sink:
 
     def line(self, *lines: str) -> None:
         """Write lines with control characters escaped."""
-        shown = lines if "".join(lines).isprintable() else map(visible, lines)
+        plain = "".join(lines).isprintable()
+        shown = lines if plain else [one if isinstance(one, DrawnLine) else visible(one) for one in lines]
         self.write("".join([f"{line}\n" for line in shown]))
+
+    @property
+    def takes_colour(self) -> bool:
+        """Whether lines may have colours."""
+        return self._file is None and takes_colour(sys.stdout)
 
     def flush(self) -> None:
         """Flush standard output."""
@@ -349,8 +361,10 @@ class _Text(Reporter):
             if self.settings.drawn:
                 from rvaft.export.drawing import fired_text  # noqa: PLC0415 -- imported on use
 
-                drawing = fired_text(self.settings.tree, explanation, change.events)
-                yield from (f"  {line}" for line in (title.strip(), *drawing.splitlines()) if line)
+                colour = self.sink.takes_colour
+                drawing = fired_text(self.settings.tree, explanation, change.events, colour=colour)
+                yield from [f"  {title.strip()}"] if title.strip() else []
+                yield from (DrawnLine(f"  {line}") for line in drawing.splitlines() if line)
             else:
                 yield from (f"  {line}" for line in self._explained(explanation, change, title))
         for place, ended in self.ends(change).items():

@@ -4,13 +4,13 @@ import json
 import math
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import StrEnum
 from errno import EISDIR
 from functools import partial, reduce, wraps
 from pathlib import Path
-from typing import Any, BinaryIO, Final, TypeVar, cast
+from typing import Any, BinaryIO, ClassVar, Final, TypeVar, cast
 
 import click
 
@@ -28,6 +28,24 @@ from rvaft.support.wording import did_you_mean
 
 F = TypeVar("F", bound=Callable[..., Any])
 Word = TypeVar("Word", bound=StrEnum)
+
+
+class GroupedCommand(click.Command):
+    """A command whose help has its options in `groups`: headings with the parameters of each."""
+
+    groups: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    others: ClassVar[str] = "Other options"
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options by heading, and those of no group at the end."""
+        params = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
+        records = {str(one.name): found for one in params if (found := one.get_help_record(ctx))}
+        grouped = {name for names in self.groups.values() for name in names}
+        rest = tuple(name for name in records if name not in grouped)
+        for heading, names in (*self.groups.items(), (self.others if self.groups else "Options", rest)):
+            if rows := [records[name] for name in names if name in records]:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
 
 
 def number(
@@ -321,14 +339,37 @@ def _reading() -> dict[str, Any]:
     return {name: bool(meta.get(name)) for name in _READING} | {"year": meta.get("year")}
 
 
+_CONVERTED: Final = "{0} reads converted Sigma rules: --to sigma -o rules.yml, then sigma convert -t {1} rules.yml"
+_PRODUCTS: Final = {
+    "splunk": _CONVERTED.format("Splunk", "splunk"),
+    "qradar": _CONVERTED.format("QRadar", "qradar-aql"),
+    "loki": _CONVERTED.format("Loki", "loki"),
+    "opensearch": _CONVERTED.format("OpenSearch", "opensearch_lucene"),
+    **dict.fromkeys(("elastic", "elasticsearch", "kibana"), "Elastic reads EQL: --to eql"),
+    **dict.fromkeys(("sentinel", "defender", "azure", "kusto"), "Microsoft Sentinel and Defender read KQL: --to kql"),
+    **dict.fromkeys(("postgres", "postgresql"), "PostgreSQL reads --to sql-postgres"),
+    "sqlite": "SQLite reads --to sql",
+    "duckdb": "DuckDB reads --to sql-duckdb",
+    "flink": "Flink reads --to match-recognize",
+    "monpoly": "MonPoly reads --to mfotl",
+    "reelay": "Reelay reads --to mtl",
+    "r2u2": "R2U2 reads --to mtl-r2u2",
+    "spot": "Spot reads --to automaton and --to ltlf",
+    "ros": "ROSMonitoring runs rvaft serve and the monitors of --to rml; see rvaft rosmonitoring --help",
+    "python": "in Python, rvaft.monitor(rvaft.load(TREE)) is the monitor",
+}
+"""The languages of products that people name, in the words of an error."""
+
+
 @contextmanager
 def suggesting() -> Iterator[None]:
     """Add hints to errors."""
     try:
         yield
     except UnknownBackend as error:
-        meant = speaking(error.name)
+        meant, product = speaking(error.name), _PRODUCTS.get(error.name.lower())
         hint = f"; did you mean {meant}?" if meant else did_you_mean(error.name.removeprefix("."), error.known)
+        hint = hint if product is None else f"; {product}"
         raise OptionError(f"{error}{hint}") from error
     except TooLarge as error:
         given = click.get_current_context().params

@@ -13,14 +13,15 @@ from rvaft.errors import RvaftError
 from rvaft.language.parser import SUFFIXES as TREES
 from rvaft.language.parser import NoTree
 from rvaft.model.tree import RVAFT
-from rvaft.readers.log import scheme
+from rvaft.readers.log import scheme, suffix
+from rvaft.readers.registry import suffixes
 
 ONE_BRANCH: Final = "--branch is for one tree: each tree numbers its own branches"
 _BEFORE: Final = "before"
 """The key of the number of arguments before `--` in the context."""
 
 
-class TreesCommand(click.Command):
+class TreesCommand(options.GroupedCommand):
     """Parses `TREE... -- LOG...`: the first argument is `tree`, the others have one name."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
@@ -47,6 +48,7 @@ def trees_given(tree: str, words: Sequence[str]) -> tuple[dict[str, str], tuple[
     Trees end at `--`. Without it, or with one argument before it, there is one TREE, or a folder of trees.
     """
     context = click.get_current_context()
+    _check_tree(tree, words, context.command_path)
     before = context.meta[_BEFORE]
     several = before is not None and before > 1
     others, logs = (words[: (before or 1) - 1], words[(before or 1) - 1 :]) if several else ((), words)
@@ -77,6 +79,27 @@ def tree_files(names: Sequence[str]) -> dict[str, str]:
             options.refuse(same != file or file in files, twice)
             files[file] = folder
     return files
+
+
+def _check_tree(tree: str, words: Sequence[str], command: str) -> None:
+    """Refuse a log in place of the tree, and say what leads on."""
+    if tree == "-" or _seems_tree(tree) or not _seems_log(tree):
+        return
+    other = next(filter(_seems_tree, words), None)
+    right = f"{command} {other or 'TREE'} {'LOG' if other is None else tree}"
+    start = "" if other else "; rvaft infer LOG and rvaft new write a tree to start from"
+    options.refuse(True, f"{tree} seems to be a log, and the tree comes first: {right}{start}")
+
+
+def _seems_log(name: str) -> bool:
+    """Whether this is named as a log is, or a file that begins as JSON."""
+    if scheme(name) or suffix(Path(name)) in (suffixes() | {".log"}):
+        return True
+    try:
+        with Path(name).open("rb") as stream:
+            return Path(name).is_file() and stream.read(64).lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"[")
+    except OSError:
+        return False
 
 
 def _seems_tree(name: str) -> bool:

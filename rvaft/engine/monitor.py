@@ -12,9 +12,8 @@ from rvaft.engine.selection import strategy_of
 from rvaft.engine.strategy import BatchEvent, Noted, Strategy
 from rvaft.errors import OptionError, WrongType
 from rvaft.model.event_time import JUMPS, Jump
-from rvaft.model.foreign_values import SCALARS, as_json
 from rvaft.model.tree import RVAFT, resolve_repetition
-from rvaft.model.values import Json
+from rvaft.model.values import SCALARS, Json, as_json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_BRANCHES, DEFAULT_LIMIT, Ended, Explanation, Monitor, Pending, twin
 

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Final, TypeAlias
 
 from rvaft.errors import ToolMissing, TraceError, WrongType, installed
-from rvaft.model.foreign_values import as_json
-from rvaft.model.values import Json, decimal
+from rvaft.model.values import Json, as_json, decimal
 from rvaft.readers.json_lines import settled
 from rvaft.readers.log import Log, LogReader
 

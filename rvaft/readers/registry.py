@@ -114,7 +114,8 @@ def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa
             if reader_class(name).suits(path, options):
                 return name
     if (foreign := _FOREIGN.get(suffix(path))) is not None:
-        raise OptionError(f"{file}: rvaft does not read {foreign}: convert it to JSON Lines, CSV or Parquet")
+        read = ", ".join(all_readers())
+        raise OptionError(f"{file}: rvaft does not read {foreign}: convert it to JSON Lines, CSV or Parquet ({read})")
     return JsonLinesReader.name
 
 

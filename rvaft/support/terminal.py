@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 import re
 import sys
 import time
@@ -9,7 +10,7 @@ import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from itertools import zip_longest
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, TextIO
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -19,6 +20,12 @@ _JOINERS: Final = "\u200c\u200d"
 """Invisible, but parts of words in several scripts."""
 _WIDEST: Final = 1_000_000
 """The width of an unlimited terminal."""
+
+
+def takes_colour(stream: TextIO | None) -> bool:
+    """Whether a stream is a terminal whose user has not set `NO_COLOR`."""
+    plain = os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
+    return stream is not None and not plain and stream.isatty()
 
 
 def is_hidden(character: str) -> bool:

@@ -20,8 +20,8 @@ import msgspec
 from rvaft.api import monitor
 from rvaft.backend import Specification, backend
 from rvaft.cli import warn
+from rvaft.core.engine_form import followed
 from rvaft.core.fields_to_read import Scope, TreeReads
-from rvaft.core.passes import followed
 from rvaft.core.restriction import property_of
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.strategy import Strategy

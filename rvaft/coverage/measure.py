@@ -12,9 +12,9 @@ from typing import BinaryIO, Final, NamedTuple, Self, TypeAlias, cast
 from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
+from rvaft.core.engine_form import followed
 from rvaft.core.fields_to_read import TreeReads
 from rvaft.core.letters import Letter, reader
-from rvaft.core.passes import followed
 from rvaft.core.property import (
     All,
     EndInOrder,

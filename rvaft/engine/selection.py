@@ -1,6 +1,7 @@
 """The strategy for a property."""
 
-from rvaft.core.passes import decide_constants, followed
+from rvaft.core.engine_form import followed
+from rvaft.core.passes import decide_constants
 from rvaft.core.property import IMPOSSIBLE, Property
 from rvaft.core.units import units
 from rvaft.engine.absence import AbsentEvents

@@ -27,7 +27,7 @@ from rvaft.model.nodes import Side
 from rvaft.model.patterns import Variable, rigid_variables
 
 S = TypeVar("S", bound=JoinedScenario)
-LONGEST: Final = 2**61
+LONGEST_WINDOW: Final = 2**61
 """Nanoseconds below which a window has bounds of 64 bits."""
 
 
@@ -170,7 +170,7 @@ def _as_one(
     names = {name for name, event in scenario.times.items() if event in members}
     guards = [guard for guard in scenario.guards if names.intersection(variables(guard))]
     windows = all(guard in scenario.windows and members <= scenario.windows[guard][0] for guard in guards)
-    windows &= all(scenario.windows[guard][1] < LONGEST for guard in guards if guard in scenario.windows)
+    windows &= all(scenario.windows[guard][1] < LONGEST_WINDOW for guard in guards if guard in scenario.windows)
     timed = bool(guards) or any(inside and clause.duration is not None for clause, inside in clauses)
     if not (chained and apart and unhurt and windows and (lateness == 0 or not timed)):
         return None

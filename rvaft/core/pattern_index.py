@@ -18,7 +18,7 @@ MEMORY: Final = 4096
 """The maximum number of cached shapes."""
 WIDEST: Final = 64
 """Events with more fields are not cached."""
-LONGEST: Final = 200
+LONGEST_TEXT: Final = 200
 """Events with longer strings in the fields of literals are not cached."""
 _NOT_THERE: Final = ("no scalar",)
 
@@ -137,7 +137,7 @@ class PatternIndex(Generic[T]):
 
 def brief(values: Iterable[Json]) -> bool:
     """Whether no string is too long for the cache."""
-    return all(not isinstance(value, str) or len(value) <= LONGEST for value in values)
+    return all(not isinstance(value, str) or len(value) <= LONGEST_TEXT for value in values)
 
 
 def _shape_by(fields: tuple[str, ...], *, names: bool) -> Callable[[Mapping[str, Json]], tuple[Hashable, ...]]:
@@ -226,7 +226,7 @@ class Discriminators:
 
     def apart(self, values: Iterable[Json]) -> tuple[Hashable, ...]:
         """Return the cache key of an event that matches no pattern; long strings share a key."""
-        return tuple([value if isinstance(value, str) and len(value) <= LONGEST else _OTHER for value in values])
+        return tuple([value if isinstance(value, str) and len(value) <= LONGEST_TEXT else _OTHER for value in values])
 
     def candidates(self, values: tuple[Hashable, ...]) -> tuple[int, ...]:
         """Return the indexes of the patterns that an event with these values may match."""

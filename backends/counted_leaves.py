@@ -50,7 +50,7 @@ def single_rows(scenario: S, lateness: int | None, *, values: Collection[str] | 
     leaves: dict[str, list[Event]] = {}
     for event in scenario.before:
         leaves.setdefault(event.source.node, []).append(event)
-    made, found, dropped = dict[Event, Event](), dict[Event, CountedEvents](), set[Guard]()
+    local_events, counts, dropped = dict[Event, Event](), dict[Event, CountedEvents](), set[Guard]()
     between = set[Event]()
     for events in leaves.values():
         own = _own_variables(scenario, events) if len(events) > 2 else None
@@ -61,12 +61,12 @@ def single_rows(scenario: S, lateness: int | None, *, values: Collection[str] | 
         between.update(events[1:-1] if count.first is not None else events[:-1])
         for event in {events[0], events[-1]}:
             local = {name: Variable(new) for name, new in own.names[event].items()}
-            made[event] = Event(event.source, patterns.substitute(event.pattern, local))
-        found[made[events[-1]]] = replace(count, first=count.first and made[count.first])
+            local_events[event] = Event(event.source, patterns.substitute(event.pattern, local))
+        counts[local_events[events[-1]]] = replace(count, first=count.first and local_events[count.first])
         dropped |= own.used
         if count.first is None:
             dropped |= {guard for guard, (members, _) in scenario.windows.items() if members <= {*events}}
-    if not found:
+    if not counts:
         return scenario
     lost = {name for name, event in scenario.times.items() if event in between}
 
@@ -79,13 +79,13 @@ def single_rows(scenario: S, lateness: int | None, *, values: Collection[str] | 
                 return guard
 
     def named(events: Iterable[Event]) -> Iterable[Event]:
-        return (made.get(event, event) for event in events if event not in between)
+        return (local_events.get(event, event) for event in events if event not in between)
 
-    before = {made.get(event, event): frozenset(named(scenario.before[event])) for event in scenario.before}
+    before = {local_events.get(event, event): frozenset(named(scenario.before[event])) for event in scenario.before}
     before = {event: before[event] for event in named(scenario.before)}
     absences = tuple((clause, tuple(named(part))) for clause, part in scenario.absences)
     guards = tuple(kept(guard) for guard in scenario.guards if guard not in dropped)
-    return replace(scenario, before=before, guards=guards, absences=absences, counts_of=found)
+    return replace(scenario, before=before, guards=guards, absences=absences, counts_of=counts)
 
 
 def _grouped(event: Event, own: _OwnVariables) -> list[str]:

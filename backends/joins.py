@@ -115,7 +115,7 @@ def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, mi
     """Return the feasible scenarios; raises `TooLarge` for more than `most` events in one, or
     `limit` in all.
     """
-    found, numbered, joined = list[S](), list[Choices](), 0
+    results, numbered, joined = list[S](), list[Choices](), 0
     for scenario in scenarios(prop, minimal=minimal, limit=limit):
         joined += max(len(scenario.events), 1)
         if joined > limit or len(scenario.events) > most:
@@ -130,9 +130,9 @@ def joined_scenarios(kind: type[S], prop: Property, limit: int, *, most: int, mi
         numbered.append(_choices(scenario.kept))
         rank = {event: place for place, event in enumerate(order)}
         absences = ((clause, tuple(sorted(part, key=rank.__getitem__))) for clause, part in scenario.absences)
-        found.append(kind(0, order, guards, tuple(absences)))
+        results.append(kind(0, order, guards, tuple(absences)))
     numbers = _branch_numbers(prop, numbered)
-    return tuple(replace(one, branch=number) for number, one in zip(numbers, found, strict=True))
+    return tuple(replace(one, branch=number) for number, one in zip(numbers, results, strict=True))
 
 
 def _choices(kept: Kept) -> Choices:

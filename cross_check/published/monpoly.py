@@ -25,7 +25,7 @@ def first_detections(
     inexact numbers, `ToolMissing` if the path is not MonPoly, `ToolFailed` on its errors, and
     `subprocess.TimeoutExpired` after `timeout` seconds for one trace.
     """
-    header, found = MfotlHeader.read(text), list[int | None]()
+    header, first = MfotlHeader.read(text), list[int | None]()
     _require(program)
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
         names = [Path(folder) / name for name in ("signature", "formula", "log")]
@@ -40,8 +40,8 @@ def first_detections(
             complaint = " ".join(f"{ran.stderr} {ran.stdout if at is None else ''}".split())
             if ran.returncode or (at is None and _REFUSED.search(complaint)):
                 raise ToolFailed("MonPoly", reason=complaint[:300] or f"exit status {ran.returncode}")
-            found.append(None if at is None else int(at[1]) + 1)
-    return found
+            first.append(None if at is None else int(at[1]) + 1)
+    return first
 
 
 @cache

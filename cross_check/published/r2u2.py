@@ -27,7 +27,7 @@ def first_detections(
     `ToolFailed` if a tool fails or is built too small for the text, and `subprocess.TimeoutExpired`
     after `timeout` seconds for one run.
     """
-    found = list[int | None]()
+    first = list[int | None]()
     propositions = definitions(f"/* rvaft\n{''.join(_DEFINITION.findall(text))}*/")
     compilers = (folder / _COMPILER for folder in program.resolve().parents)
     compiler = next((one for one in compilers if one.is_file()), None)
@@ -47,8 +47,8 @@ def first_detections(
             ends = [0, *(int(number) + 1 for number, _ in verdicts)]
             if ends[-1] < len(trace):
                 raise ToolFailed("R2U2", reason=f"it gives no verdict from event {ends[-1] + 1} on; {_SMALL}")
-            found.append(next((end + 1 for end, (_, truth) in zip(ends, verdicts, strict=False) if truth == "T"), None))
-    return found
+            first.append(next((end + 1 for end, (_, truth) in zip(ends, verdicts, strict=False) if truth == "T"), None))
+    return first
 
 
 def _output(timeout: float | None, tool: str, *command: str | Path) -> str:

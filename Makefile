@@ -48,21 +48,19 @@ endif
 
 converters: $(CONVERTERS)
 
-TREE := trees/remote_inspection/pruned.rvaft
-LOG := trees/remote_inspection/pruned.traces/table2_row3.jsonl
+TREE := docs/first/ssh_guessed.rvaft
+LOG := docs/first/sshd.log
 
 demo: $(RUNTIME)
-	@echo "# 1. A tree: how a robot can be damaged by radiation. rvaft show $(TREE)"
+	@echo "# 1. How a password is guessed, as a tree. rvaft show $(TREE)"
 	@$(BIN)/rvaft show $(TREE)
-	@echo; echo "# 2. The ways in which that happens. rvaft branches $(TREE)"
-	@$(BIN)/rvaft branches $(TREE)
-	@echo; echo "# 3. The tree in a specification language. rvaft emit $(TREE) --to rml"
-	@$(BIN)/rvaft emit $(TREE) --to rml
-	@echo; echo "# 4. A log. cat $(LOG)"
-	@cat $(LOG)
-	@echo; echo "# 5. What happened in it, drawn in the tree. rvaft monitor $(TREE) $(LOG) --explain"
-	@$(BIN)/rvaft monitor $(TREE) $(LOG) --explain; test $$? -eq 1
-	@echo; echo "# Branch 3, an attack, is detected. Next: source $(BIN)/activate puts rvaft on your path; go on in README.md."
+	@echo; echo "# 2. The log of an SSH server. head $(LOG)"
+	@head -12 $(LOG)
+	@echo; echo "# 3. What happened in it, drawn in the tree. rvaft monitor $(TREE) $(LOG) --profile sshd --explain"
+	@$(BIN)/rvaft monitor $(TREE) $(LOG) --profile sshd --explain 2>/dev/null; test $$? -eq 1
+	@echo; echo "# 4. The tree as a query of Elasticsearch. rvaft emit $(TREE) --to eql"
+	@$(BIN)/rvaft emit $(TREE) --to eql
+	@echo; echo "# The attack is detected. Next: source $(BIN)/activate puts rvaft on your path; go on in README.md."
 
 paper: $(STAMP)
 	@echo "Computing tables, figures and measurements into out/; one or two minutes"

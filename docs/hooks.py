@@ -24,6 +24,7 @@ from commands import BAR  # noqa: E402
 from drawings import style_sheet  # noqa: E402
 from playground import ASSETS  # noqa: E402
 
+import rvaft  # noqa: E402
 from rvaft.backend import all_backends, backend  # noqa: E402
 from rvaft.capabilities import table  # noqa: E402
 from rvaft.rules.registry import page as rules  # noqa: E402
@@ -99,7 +100,38 @@ def generated() -> dict[str, str]:
         "reference/rules.md": rules(),
         "reference/capabilities.md": capabilities(),
         "reference/grammar.md": grammar(),
+        "reference/detections.md": detections(),
     }
+
+
+def detections() -> str:
+    """Return the page of the shipped detections, from the folder `trees/detections`."""
+    rows = []
+    for file in sorted((ROOT / "trees" / "detections").glob("*.rvaft")):
+        text, tree = file.read_text(encoding="utf-8"), rvaft.load(file)
+        root, about = tree.nodes[tree.root], text.splitlines()[0].removeprefix("// ")
+        tags = [tag.removeprefix("attack.") for tag in dict(root.attributes).get("tags", "").split(",")]
+        named = ", ".join(tag.upper() if re.fullmatch(r"t[0-9.]+", tag) else tag.replace("-", " ") for tag in tags)
+        traces = len(list(file.with_suffix(".traces").glob("*.jsonl")))
+        rows.append(f"| `{file.stem}` | {about.replace('|', BAR)} | {named} | {traces} |")
+    return "\n".join(
+        [
+            "# Ready detections",
+            "",
+            "The folder `trees/detections` has detections to use as they are, or to start from. The first comment of each",
+            "says which log it reads. Each has its technique of MITRE ATT&CK, and logs with expected verdicts, which",
+            "`rvaft test trees/detections/*.rvaft` compares.",
+            "",
+            "| tree | detects | ATT&CK | logs |",
+            "| --- | --- | --- | --- |",
+            *rows,
+            "",
+            "All of them share the reading of a log: `rvaft monitor trees/detections/ -- LOG --repeat --format ecs`. A rule for a",
+            "product: `rvaft emit trees/detections/NAME.rvaft --to sigma`, or `eql`, `kql`, `sql` and",
+            "[others](languages/index.md).",
+            "",
+        ]
+    )
 
 
 def grammar() -> str:

@@ -38,6 +38,10 @@ WORK: Final = 500_000
 """The maximum number of events that all relaxed trees together read."""
 SHOWN: Final = 5
 """The number of near misses that are shown."""
+_CLOSE: Final = 0.4
+"""Where nothing is closer, what lacks two conditions is looked for."""
+LISTED: Final = 5
+"""The number of events whose numbers are all shown."""
 _FAR: Final = 0.8
 """Matches at a greater distance are left out where there is a closer one."""
 _DETECTIONS: Final = 2_000
@@ -69,15 +73,12 @@ class NearMiss:
         """Return the near miss in a line, with the values of variables; `at` has the events by number."""
         parts = [f"{name} = {_json(value)}" for name, value in self.explanation.bound(tree).items()]
         first, last = self.events[0], self.events[-1]
-        times = [_json(places(at[number], tree).get("time")) for number in (first, last) if number in at]
+        times = [_time(places(at[one], tree).get("time")) for one in (first, last) if tree.time and one in at]
         if first == last:
-            when = f" at {times[0]}" if tree.time is not None and times else ""
-            parts.append(f"event {first}{when}")
+            parts.append(f"event {first}{''.join(f' at {time}' for time in times[:1])}")
         else:
-            when = f" ({times[0]} to {times[1]})" if tree.time is not None and len(times) == 2 else ""
-            parts.append(
-                f"events {', '.join(map(str, self.events)) if len(self.events) < 6 else f'{first} to {last}'}{when}"
-            )
+            listed = ", ".join(map(str, self.events)) if len(self.events) <= LISTED else f"{first} to {last}"
+            parts.append(f"events {listed}{f' ({times[0]} to {times[1]})' if times[1:] else ''}")
         return f"{self.text}: {', '.join(parts)}"
 
     @property
@@ -185,8 +186,8 @@ class _Search:
         if tree is None or not self.size:
             return NearMisses(())
         found = list(self._found(tree, never))
-        if not found and not never:
-            found = [miss for one in self._pairs() for miss in self._misses(one)]
+        if not never and min((miss.distance for miss in found), default=1.0) > _CLOSE:
+            found += self._pairs()
         found.sort(key=lambda miss: (miss.distance, -miss.events[-1]))
         kept: list[NearMiss] = []
         for miss in found if not found or found[0].distance > _FAR else (one for one in found if one.distance <= _FAR):
@@ -225,11 +226,16 @@ class _Search:
         pattern = self.tree.pattern(name) or Anything()
         return any(match(pattern, event, {}) is not None for log in self.logs for _, event in log)
 
-    def _pairs(self) -> Iterator[Relaxation]:
-        """Iterate over the trees without two events."""
-        for pair in combinations([node.name for node in self.tree.top_down() if node.leaf], 2):
+    def _pairs(self) -> Iterator[NearMiss]:
+        """Iterate over the near misses without two nodes, or without a node and with fewer events of another."""
+        names = [node.name for node in self.tree.top_down() if node.name != self.tree.root]
+        for name in names:
+            rest = without_events(self.tree, [name])
+            for leaf in () if rest is None else [node.name for node in rest.top_down() if node.times > 1]:
+                yield from self._fewer(rest or self.tree, leaf, [name])
+        for pair in combinations(names, 2):
             if (rest := without_events(self.tree, pair)) is not None:
-                yield Relaxation(Lack.EVENT, pair[0], rest, missing=pair)
+                yield from self._misses(Relaxation(Lack.EVENT, pair[0], rest, missing=pair))
 
     def _fewer(self, tree: RVAFT, leaf: str, never: Sequence[str]) -> Iterator[NearMiss]:
         """Iterate over the matches with the most events of a leaf, for each values of the variables."""
@@ -252,6 +258,8 @@ class _Search:
         """Iterate over the closest match of a relaxation for each values of the variables."""
         best: dict[Hashable, NearMiss] = {}
         for log, explanation in self._detections(one.tree, one.node):
+            if one.lack is Lack.COUNT and one.node not in explanation.events:
+                continue  # another branch, which does not count these events
             text, distance = self._lacking(one, explanation, log)
             if never:
                 without, share = self._without(never, explanation)
@@ -433,6 +441,10 @@ def _rough(nanoseconds: int) -> str:
     """Return a duration with three digits."""
     unit, size = next(((unit, size) for unit, size in UNITS.items() if nanoseconds >= size), ("ns", 1))
     return f"{nanoseconds / size:.3g} {unit}"
+
+
+def _time(written: Json) -> str:
+    return written if isinstance(written, str) else _json(written)
 
 
 def _json(value: Json) -> str:

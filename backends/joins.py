@@ -9,8 +9,8 @@ from typing import Final, TypeAlias, TypeVar
 from backends.tables import Path
 from rvaft.core.branches import branches, number_of
 from rvaft.core.overlaps import compatible
-from rvaft.core.property import Event, One, Property, Without
-from rvaft.core.scenarios import Kept, scenarios
+from rvaft.core.property import Event, Kept, One, Property, Without
+from rvaft.core.scenarios import scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge
 from rvaft.model.assumptions import places

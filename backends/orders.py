@@ -9,6 +9,7 @@ from dataclasses import replace
 from typing import Final, NamedTuple, TypeVar
 
 from rvaft.core import scenarios as core
+from rvaft.core.precedence import Ready
 from rvaft.core.property import All, Condition, Event, One, Part, Property, Source, with_parts
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import TooLarge, TreeError
@@ -154,7 +155,7 @@ class Orders:
             alike = letters[event], known[one], after[one]
             needed[one] |= last.get(alike, 0)
             last[alike] = 1 << one
-        everything, ready = (1 << len(events)) - 1, core.Ready(needed)
+        everything, ready = (1 << len(events)) - 1, Ready(needed)
         todo: list[tuple[frozenset[int], tuple[Letter, ...]]] = [(frozenset({0}), ())]
         while todo:
             if len(events) * len(todo) > self._limit:  # each prefix begins at least one word

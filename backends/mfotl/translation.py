@@ -19,8 +19,9 @@ from backends.orders import Orders
 from rvaft.backend import Metrics
 from rvaft.core.conditions import Unsayable
 from rvaft.core.overlaps import Overlaps, overlaps
+from rvaft.core.precedence import direct
 from rvaft.core.property import Event, Property
-from rvaft.core.scenarios import Scenario, direct
+from rvaft.core.scenarios import Scenario
 from rvaft.core.times import untimed
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, variables

@@ -28,6 +28,7 @@ from rvaft.core.property import (
     Condition,
     EndInOrder,
     Event,
+    Kept,
     One,
     Part,
     Property,
@@ -38,7 +39,7 @@ from rvaft.core.property import (
     fewest,
     with_parts,
 )
-from rvaft.core.scenarios import Kept, is_constant, most_events, resolutions
+from rvaft.core.scenarios import is_constant, most_events, resolutions
 from rvaft.model.guards import holds
 from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.support.bits import in_at_least

@@ -10,6 +10,7 @@ from itertools import count, product
 from math import prod
 from typing import Final, assert_never
 
+from rvaft.core.precedence import later_events
 from rvaft.core.property import (
     IMPOSSIBLE,
     NOTHING,
@@ -18,6 +19,7 @@ from rvaft.core.property import (
     Condition,
     EndInOrder,
     Event,
+    Kept,
     One,
     Part,
     Property,
@@ -31,7 +33,7 @@ from rvaft.core.property import (
     with_parts,
 )
 from rvaft.core.restriction import allowing, singly
-from rvaft.core.scenarios import Kept, is_constant, is_empty, most_events, resolutions
+from rvaft.core.scenarios import is_constant, is_empty, most_events, resolutions
 from rvaft.core.times import timed
 from rvaft.errors import TooLarge
 from rvaft.model import patterns
@@ -203,29 +205,8 @@ class _Ends:
             raise OpenChoice
         if len(lasts) < 2 or not self._shared:
             return lasts
-        later = _successors(part)
+        later = later_events(part)
         return tuple(event for event in lasts if later[event].isdisjoint(set(lasts) - {event}))
-
-
-def _successors(root: Part) -> dict[Event, set[Event]]:
-    """Return, for each event below a part without choices, the later events by its sequences."""
-    inside: dict[Part, set[Event]] = {}
-    after: dict[Event, set[Event]] = {}
-    for part in parts_below(root):
-        inside[part] = {part} if isinstance(part, Event) else set().union(*(inside[inner] for inner in part.parts))
-        if isinstance(part, Event):
-            after[part] = set()
-        if isinstance(part, Sequence):
-            for number, inner in enumerate(part.parts):
-                for event in inside[inner]:
-                    after[event].update(*(inside[other] for other in part.parts[number + 1 :]))
-    for found in after.values():
-        agenda = list(found)
-        while agenda:
-            new = after[agenda.pop()] - found
-            found.update(new)
-            agenda += new
-    return after
 
 
 def with_ends(

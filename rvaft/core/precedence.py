@@ -1,19 +1,33 @@
-"""The strict precedence of a scenario as a graph of linear size, and the order of ends.
+"""The strict precedence of the events of a scenario, and the order of ends.
 
-A part has a vertex `start` before the events below it, and `end` after them. A part in a sequence
-has a vertex `done` after its events and those of earlier parts. No edge leads from `start` to
-`end`, because a part without events orders nothing. One event precedes another if and only if
-there is a path.
+A scenario has the closure, as bits for each event. Facts about many scenarios need a graph of linear
+size, which also has their edges. A part has a vertex `start` before the events below it, and `end`
+after them. A part in a sequence has a vertex `done` after its events and those of earlier parts. No
+edge leads from `start` to `end`, because a part without events orders nothing. One event precedes
+another if and only if there is a path.
 """
 
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Sequence
 from itertools import pairwise
-from typing import Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias, assert_never
 
 from rvaft.core import property as core
-from rvaft.core.property import AtLeast, EndInOrder, Event, Part, Times
-from rvaft.core.scenarios import Kept
+from rvaft.core.property import (
+    All,
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    Kept,
+    One,
+    Part,
+    Times,
+    Within,
+    Without,
+    parts_below,
+)
 from rvaft.model.tree import reachable
+from rvaft.support.bits import bits
 
 Edge: TypeAlias = tuple[Part, Part]
 """An edge of the tree: a part, and a direct subpart of another node."""
@@ -172,3 +186,110 @@ def standstill(kept: Kept, graph: Precedence) -> Standstill | None:
             votes = (vote for vote in inside if isinstance(vote, AtLeast))
             lacking += [(one, inner) for one in votes for inner in one.parts if inner not in kept[one]]
     return Standstill(dict.fromkeys(edges), dict.fromkeys(lacking))
+
+
+def event_order(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
+    """Return the events of kept parts and, for each, the earlier events as bits; None if cyclic.
+
+    The parts have no `Times` and `EndInOrder`.
+    """
+    events = tuple(part for part in kept if isinstance(part, Event))
+    place = {event: number for number, event in enumerate(events)}
+    inside: dict[Part, int] = {}
+    before = [0] * len(events)
+    for part in reversed(list(kept)):
+        match part:
+            case Event():
+                inside[part] = 1 << place[part]
+                continue
+            case Times() | EndInOrder():
+                raise AssertionError("a pass removes these before scenarios are enumerated")
+            case core.Sequence():
+                previous = 0  # with the parts before it, by transitivity
+                for subpart in kept[part]:
+                    for event in bits(inside[subpart]):
+                        before[event] |= previous
+                    previous = inside[subpart] or previous
+            case Condition() | All() | One() | AtLeast() | Within() | Without():
+                pass
+            case _:
+                assert_never(part)
+        found = 0
+        for subpart in kept[part]:
+            found |= inside[subpart]
+        inside[part] = found
+    closed = transitive(before)
+    return None if closed is None else (events, closed)
+
+
+def transitive(before: list[int]) -> tuple[int, ...] | None:
+    """Return the transitive closure of the predecessors of each event, or None if cyclic."""
+    waiting = [mask.bit_count() for mask in before]
+    after: list[list[int]] = [[] for _ in before]
+    for event, earlier in enumerate(before):
+        for predecessor in bits(earlier):
+            after[predecessor].append(event)
+    ready = [event for event, count in enumerate(waiting) if not count]
+    closed = list(before)
+    for event in ready:
+        for later in after[event]:
+            closed[later] |= closed[event] | 1 << event
+            waiting[later] -= 1
+            if not waiting[later]:
+                ready.append(later)
+    return tuple(closed) if len(ready) == len(before) else None
+
+
+class Ready:
+    """Which of some events may come next; `before` has the predecessors of each, as bits.
+
+    >>> Ready([0, 0b1, 0b1]).after(0b1)
+    [1, 2]
+    """
+
+    def __init__(self, before: Sequence[int]) -> None:
+        self._before = before
+        self._events = [0] * (len(before) + 1)
+        """For each number of earlier events, the events with at most so many predecessors."""
+        for event, earlier in enumerate(before):
+            self._events[earlier.bit_count()] |= 1 << event
+        for count in range(1, len(self._events)):
+            self._events[count] |= self._events[count - 1]
+
+    def after(self, done: int) -> list[int]:
+        """Return the events, in order, whose predecessors are done."""
+        return [event for event in bits(self._events[done.bit_count()] & ~done) if not self._before[event] & ~done]
+
+
+def direct(before: Sequence[int], event: int) -> list[int]:
+    """Return the predecessors of an event without those of another predecessor."""
+    found, left = list[int](), before[event]
+    while left:  # find one that precedes none of the rest
+        last = left.bit_length() - 1
+        for one in bits(left):
+            if before[one] >> last & 1:
+                last = one
+        found.append(last)
+        left &= ~(before[last] | 1 << last)
+    return sorted(found)
+
+
+def later_events(root: Part) -> dict[Event, set[Event]]:
+    """Return, for each event below a part without choices, the later events by its sequences."""
+    inside: dict[Part, set[Event]] = {}
+    after: dict[Event, set[Event]] = {}
+    for part in parts_below(root):
+        inside[part] = {part} if isinstance(part, Event) else set().union(*(inside[inner] for inner in part.parts))
+        if isinstance(part, Event):
+            after[part] = set()
+        if isinstance(part, core.Sequence):
+            for number, inner in enumerate(part.parts):
+                for event in inside[inner]:
+                    after[event].update(*(inside[other] for other in part.parts[number + 1 :]))
+    for found in after.values():
+        agenda = list(found)
+        while agenda:
+            new = after[agenda.pop()] - found
+            found.update(new)
+            agenda += new
+    return after

@@ -187,6 +187,8 @@ class Without(_Part):
 
 Part: TypeAlias = Event | Times | Condition | All | Sequence | One | AtLeast | EndInOrder | Within | Without
 """A `match` over the parts ends in `assert_never`."""
+Kept: TypeAlias = Mapping[Part, tuple[Part, ...]]
+"""The parts of a scenario, each with the direct subparts that it keeps, in tree order."""
 
 PARTS: Final[tuple[type[Part], ...]] = (
     Event,

@@ -15,6 +15,7 @@ from rvaft.core.build import build
 from rvaft.core.engine_form import followed
 from rvaft.core.fields_to_read import TreeReads
 from rvaft.core.letters import Letter, reader
+from rvaft.core.precedence import transitive
 from rvaft.core.property import (
     All,
     EndInOrder,
@@ -29,7 +30,7 @@ from rvaft.core.property import (
     with_parts,
 )
 from rvaft.core.restriction import of_branch
-from rvaft.core.scenarios import is_empty, transitive
+from rvaft.core.scenarios import is_empty
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import awaited
 from rvaft.engine.selection import measured_strategy

@@ -6,8 +6,7 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 from rvaft.core.precedence import node_of
-from rvaft.core.property import AtLeast, One
-from rvaft.core.scenarios import Kept
+from rvaft.core.property import AtLeast, Kept, One
 from rvaft.model.nodes import Place
 from rvaft.support.wording import listing
 

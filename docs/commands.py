@@ -95,6 +95,7 @@ _VALUES: Final = {
     "--port": "8080",
     "--position": "id",
     "--profile": "sshd",
+    "--dbc": "car.dbc",
     "--r2u2": "./r2u2",
     "--random": "100",
     "--records": "hits.hits",

@@ -74,12 +74,12 @@ def log_format(function: F) -> F:
     @wraps(function)
     def gathered(**given: Any) -> Any:
         year = click.get_current_context().meta.get("year")
-        named = {name: given.pop(name) for name in ("records", "types", "pattern", "profile")}
+        named = {name: given.pop(name) for name in ("records", "types", "pattern", "profile", "dbc")}
         input_options = InputOptions(year=year, **named)
         log_format = LogFormat(given.pop("input_form"), input_options)
         return function(**given, log_format=log_format)
 
-    known = "bag, csv, json, jsonl, mqtt, parquet, regex, syslog, xes, zeek"
+    known = "bag, can, csv, json, jsonl, mavlink, mqtt, parquet, regex, syslog, ulog, xes, zeek"
     what = f"Log format: {known}, or that of a plug-in.  [default: by the suffix of the file, else jsonl]"
     form = click.option("--input", "input_form", metavar="FORMAT", help=what)
     records = click.option(
@@ -92,4 +92,7 @@ def log_format(function: F) -> F:
     )
     what = f"Profile of a product's logs: {', '.join(SHIPPED)}, or a .toml file."
     declared = click.option("--profile", metavar="NAME", help=what)
-    return cast("F", form(declared(records(types(pattern(gathered))))))
+    dbc = click.option(
+        "--dbc", metavar="FILE", help="With a CAN log: the DBC file that names its messages and signals."
+    )
+    return cast("F", form(declared(records(types(pattern(dbc(gathered)))))))

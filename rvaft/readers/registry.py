@@ -120,9 +120,7 @@ def format_of(file: str, options: InputOptions = InputOptions()) -> str:  # noqa
 
 
 _FOREIGN: Final[Mapping[str, str]] = {
-    ".asc": "CAN logs of Vector",
     ".avro": "Avro",
-    ".blf": "CAN logs of Vector (BLF)",
     ".evtx": "event logs of Windows (EVTX)",
     ".h5": "HDF5",
     ".mat": "MATLAB files",
@@ -130,8 +128,6 @@ _FOREIGN: Final[Mapping[str, str]] = {
     ".orc": "ORC",
     ".pcap": "network captures",
     ".pcapng": "network captures",
-    ".tlog": "logs of MAVLink",
-    ".ulg": "ULog of PX4",
     ".xls": "spreadsheets",
     ".xlsx": "spreadsheets",
     ".xml": "XML",
@@ -149,6 +145,7 @@ def read_log(
     pattern: str | None = None,
     profile: str | None = None,
     year: int | None = None,
+    dbc: str | None = None,
     reads: Scope | None = None,
     warn: Callable[[str], object] = warnings.warn,
     within: str | os.PathLike[str] | None = None,
@@ -174,7 +171,7 @@ def read_log(
         kinds = {field: FieldType(kind) for field, kind in (types or {}).items()}
     except ValueError as error:
         raise OptionError(f"types: {error}; known: {', '.join(FieldType)}") from None
-    options = InputOptions(records, kinds, pattern, profile, year)
+    options = InputOptions(records, kinds, pattern, profile, year, dbc)
     if profile is not None and (form is not None or len(options.given) > 1):
         raise OptionError("a profile states the format: omit its other options")
     declared = None if profile is None else profile_reader(profile, year)

@@ -495,7 +495,7 @@ def test_a_format_of_somebody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert (result.exit_code, result.stdout.splitlines()[0]) == (2, "event 3 (line 4): true")
     assert result.stderr == f"rvaft: error: {log}:2: too quiet (1 line left out)\n"
     failed(run("monitor", SAND, log, "--input", "broken"), "the reader of broken failed: it cannot be loaded")
-    failed(run("monitor", SAND, log, "--input", "xml"), "unknown format xml; known: bag, csv,", "shouting")
+    failed(run("monitor", SAND, log, "--input", "xml"), "unknown format xml; known: bag, can, csv,", "shouting")
 
 
 @pytest.mark.parametrize(
@@ -570,7 +570,7 @@ def test_a_document_that_looks_like_one_event_is_hinted_at(tmp_path: Path) -> No
     assert run("monitor", tree, written(one, '{"event": "a"}')).stderr == ""
 
 
-@pytest.mark.parametrize("name", ["log.xml", "flight.ulg", "can.BLF", "dump.pcap.gz"])
+@pytest.mark.parametrize("name", ["log.xml", "drive.mf4", "table.XLSX", "dump.pcap.gz"])
 def test_a_format_without_a_reader_is_no_json_lines(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"\xff\xfe<a/>")
     with pytest.raises(rvaft.OptionError, match=r"rvaft does not read .*: convert it to JSON Lines, CSV or Parquet"):

@@ -13,7 +13,7 @@ from rvaft.cli.monitor_run import run
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.model.nodes import Kind
 from rvaft.reports.index import INDEX, Row, index_page, page_names
-from rvaft.reports.log_report import PLACES, SHOWN, LogReport, Messages
+from rvaft.reports.log_report import LATEST, PLACES, LogReport, Messages
 from rvaft.rules.validity import valid_part
 from rvaft.stream.detection_commands import Hooks
 from rvaft.stream.monitor_set import Per
@@ -113,7 +113,7 @@ class PageRequest:
         options.require_times(clock, wholes.values())
         if follow:
             self._traces.require_growing("--follow", "LOG")
-        most = given["max_events"] or (SHOWN if follow else PLACES)
+        most = given["max_events"] or (LATEST if follow else PLACES)
         self.settings: list[MonitorSettings] = []
         self.reports: dict[str, LogReport] = {}
         for file, whole in wholes.items():

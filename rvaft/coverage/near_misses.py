@@ -193,7 +193,10 @@ class _Search:
         for miss in found if not found or found[0].distance > _FAR else (one for one in found if one.distance <= _FAR):
             if not any(miss.log == better.log and miss.matched <= better.matched for better in kept):
                 kept.append(miss)
-        return NearMisses(tuple(kept[:limit]), tuple(dict.fromkeys(self.skipped)))
+            if len(kept) == limit:
+                break
+        said = (replace(one, text=one.text + self._afterwards(one)) if one.lack is Lack.COUNT else one for one in kept)
+        return NearMisses(tuple(said), tuple(dict.fromkeys(self.skipped)))
 
     def _found(self, tree: RVAFT, never: Sequence[str]) -> Iterator[NearMiss]:
         """Iterate over the near misses that lack these events, or else one condition more."""
@@ -316,8 +319,9 @@ class _Search:
         match one.lack:
             case Lack.COUNT:
                 came = len(events[node.name])
-                text = f"{came} of {node.times} {event_text(node)}{self._afterwards(node.name, explanation, log)}"
-                return text, (node.times - came) / (len(explanation.matched) + node.times - came)
+                return f"{came} of {node.times} {event_text(node)}", (node.times - came) / (
+                    len(explanation.matched) + node.times - came
+                )
             case Lack.EVENT:
                 return self._without(one.missing, explanation)
             case Lack.WINDOW:
@@ -365,8 +369,9 @@ class _Search:
     def _time(self, number: int, log: int) -> int | None:
         return None if self.tree.time is None else self.tree.time.read(self.at[log][number])
 
-    def _afterwards(self, leaf: str, explanation: Explanation, log: int) -> str:
+    def _afterwards(self, miss: NearMiss) -> str:
         """Return when the next event of a counted leaf came, for a window that it missed."""
+        leaf, explanation, log = miss.node, miss.explanation, miss.log
         pattern, last = self.tree.pattern(leaf) or Anything(), explanation.events[leaf][-1]
         at = self.at[log]
         later = (number for number in at if number > last)

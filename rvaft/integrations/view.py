@@ -13,7 +13,7 @@ from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow
 from rvaft.cli.trees import TreesCommand
 from rvaft.integrations.live_page import Asked, PageServer, Questions
 from rvaft.model.nodes import Kind
-from rvaft.reports.log_report import PLACES, SHOWN
+from rvaft.reports.log_report import LATEST, PLACES
 from rvaft.stream.follow import POLL, stopping
 from rvaft.stream.plan import Totals
 from rvaft.stream.run import TraceRun
@@ -22,7 +22,7 @@ from rvaft.support.network import LOCAL, require_host
 from rvaft.support.terminal import visible
 from rvaft.support.wording import counted
 
-_LATEST: Final = f"{MOST}  [default: {PLACES}; with --follow {SHOWN}, the latest]"
+_LATEST: Final = f"{MOST}  [default: {PLACES}; with --follow {LATEST}, the latest]"
 _LINES: Final = 500
 
 

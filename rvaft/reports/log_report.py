@@ -45,8 +45,10 @@ from rvaft.support.wording import counted
 PAGE: Final = "log_report.html"
 PLACES: Final = 300_000
 """Default maximum number of places, except changes of verdicts."""
-SHOWN: Final = 20_000
+SHOWN: Final = 100_000
 """Maximum number of places with the text of their event, besides those near detections."""
+LATEST: Final = 20_000
+"""Default maximum number of places of a growing page."""
 NEAR: Final = 2
 """Places before and after a detection, of the same key, whose events are kept."""
 TEXT: Final = 24_000_000
@@ -251,7 +253,7 @@ class LogReport(Listener):
         # `<` could end the script element
         texts = (text.replace("<", "\\u003c") for text in _pieces(data))
         parts: dict[str, Iterable[str]] = {
-            "TITLE": [escape(visible(name))],
+            "TITLE": [escape(visible(self.tree.nodes[self.tree.root].label or name))],
             "HOME": [f'<a href="{home}">all trees</a>' if home else ""],
             "TREE": [svg_text(self.tree, badges=True)],
             "DATA": texts,

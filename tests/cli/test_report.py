@@ -23,7 +23,7 @@ from rvaft.stream.monitor_set import MonitorSet, columns
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from tests.cli.pages import Shown, page
-from tests.cli.runs import FULL, LOGS, PRUNED, SAND, TREES, UNBOUND, failed, run, soon, written
+from tests.cli.runs import FULL, LOGS, PRUNED, SAND, TREES, UNBOUND, failed, lines, run, soon, written
 
 ROW3: Final = LOGS / "table2_row3.jsonl"
 NASTY: Final = (
@@ -345,7 +345,7 @@ def test_nodes_light_up_as_the_slider_moves(show: Any) -> None:
     assert "detected" in shown.text("#branches")
     shown.press("ARROW_LEFT")
     shown.click("#found-next")
-    assert "φ ⊤" in shown.text("#place")
+    assert "detection 1" in shown.text("#place")
 
 
 def test_what_is_detected_looks_so_though_it_is_waited_for_again(show: Any, tmp_path: Path) -> None:
@@ -437,6 +437,81 @@ def test_the_time_axis_selects_the_nearest_event(show: Any, tmp_path: Path) -> N
     assert show(SAND, written(tmp_path / "none.jsonl", '{"event": "a"}\n')).ask(
         "document.getElementById('times').hidden"
     )
+
+
+SAVED = """(id => {
+  const make = URL.createObjectURL; let saved = null;
+  URL.createObjectURL = (blob) => { saved = blob; return "data:,"; };
+  document.getElementById(id).click();
+  URL.createObjectURL = make;
+  return saved.text();
+})"""
+"""The promise of the text that a button saves."""
+
+
+def saved(shown: Shown, button: str) -> list[str]:
+    script = f"const done = arguments[0]; {SAVED}('{button}').then(done)"
+    return str(shown.browser.execute_async_script(script)).split("\r\n")
+
+
+SET: Final = (
+    "((one, to) => {{ one.value = to; one.dispatchEvent(new Event('input')); }})(document.getElementById({}), {})"
+)
+
+
+def test_all_events_are_listed_searched_and_saved(show: Any, tmp_path: Path) -> None:
+    rows = [{"event": "abc"[n % 3], "t": 1_000 + n, "note": "=1+1" if n == 2 else f"say {n}"} for n in range(90)]
+    tree = written(tmp_path / "tree.rvaft", 'time t as s; semantics scattered; top sand a b c label "Three steps";')
+    shown = show(tree, written(tmp_path / "log.jsonl", lines(rows)), "--repeat")
+    assert shown.text("h1") == "Three steps"
+    assert str(tree) in shown.text("#about")
+    listed = "[...document.querySelectorAll('#events tbody a')].map(one => one.textContent)"
+
+    def set_to(box: str, value: str) -> Any:
+        shown.ask(SET.format(json.dumps(box), json.dumps(value)))
+        shown.browser.execute_async_script("const done = arguments[0]; setTimeout(() => done(), 300)")
+        return shown.ask(listed)
+
+    assert shown.ask(listed) == [str(number) for number in range(1, 51)]
+    shown.click("#events .more")
+    assert len(shown.ask(listed)) == 90
+    assert shown.text("#events h2") == "Events (90)"
+    assert set_to("word", "say 77") == ["77", "78"]
+    assert set_to("word", "1002 =1") == ["3"]
+    assert saved(shown, "events-csv")[1] == """3,1002,c,"{""event"": ""c"", ""t"": 1002, ""note"": ""=1+1""}\""""
+    assert set_to("word", "") == [str(number) for number in range(1, 51)]
+    assert set_to("node", "2")[:2] == ["2", "5"]
+    assert shown.text("#events h2") == "Events (30 of 90)"
+    detections = saved(shown, "found-csv")
+    assert detections[:2] == ["detection,event,time,from,branch,kinds,events", "1,3,1002,,1,,1 2 3"]
+    assert len(detections) == 32
+
+
+DRAG: Final = """((one, from, to) => {
+  const box = one.getBoundingClientRect(), x = (part) => box.left + part * box.width;
+  const send = (kind, part) => one.dispatchEvent(new PointerEvent(kind, { clientX: x(part), pointerId: 1 }));
+  one.setPointerCapture = () => {};
+  send("pointerdown", from); send("pointermove", to); send("pointerup", to);
+})(document.getElementById("density"), 0.25, 0.5)"""
+
+
+def test_a_part_of_the_time_is_seen_alone(show: Any, tmp_path: Path) -> None:
+    rows = [{"event": "ab"[n % 2], "t": 1_000 + n} for n in range(100)]
+    tree = written(tmp_path / "tree.rvaft", "time t as s; semantics scattered; top sand a b c;")
+    shown = show(tree, written(tmp_path / "log.jsonl", lines(rows)))
+    shown.ask(DRAG)
+    assert shown.text("#events h2").startswith("Events (25 of 100; ")
+    assert shown.ask("document.getElementById('whole').hidden") is False
+    shown.click("#whole")
+    assert shown.text("#events h2") == "Events (100)"
+
+
+def test_a_near_miss_leads_to_its_last_event(show: Any, tmp_path: Path) -> None:
+    tree = written(tmp_path / "tree.rvaft", "semantics scattered; top sand a b c;")
+    shown = show(tree, written(tmp_path / "log.jsonl", lines([{"event": name} for name in "abaa"])))
+    assert shown.text("#near li") == "all but c: events 1, 2"
+    shown.click("#near button")
+    assert shown.text("#place strong") == "event 2"
 
 
 def test_a_narrow_page_is_not_wider_than_its_window(show: Any, browser: Any, tmp_path: Path) -> None:

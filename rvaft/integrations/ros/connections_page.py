@@ -24,7 +24,7 @@ from rvaft.integrations.live_page import (
 from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
 from rvaft.reports.index import Row, index_page, page_names
-from rvaft.reports.log_report import SHOWN, LogReport, Messages
+from rvaft.reports.log_report import LATEST, LogReport, Messages
 from rvaft.stream.keys import Key
 from rvaft.stream.plan import MonitoringPlan
 from rvaft.support.network import own
@@ -57,7 +57,7 @@ class ConnectionsPage:
         self.name = name
         self.shared = shared
         plan = MonitoringPlan(session.looked_at, None if shared else Key.parse([UNIT]))
-        self.report = LogReport(tree, plan, most=SHOWN, grows=True, unit=UNIT)
+        self.report = LogReport(tree, plan, most=LATEST, grows=True, unit=UNIT)
         self._lines: deque[str] = deque(maxlen=_LINES)
         self._earlier = 0
         if shared:

@@ -4,6 +4,7 @@ MkDocs calls `on_files` once for each build. These pages are not stored, so they
 the program.
 """
 
+import json
 import posixpath
 import re
 import sys
@@ -52,6 +53,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         picture = (ROOT / "trees" / case / "picture.svg").read_text(encoding="utf-8")
         files.append(File.generated(config, f"examples/{case}.svg", content=picture))
     files.append(File.generated(config, "drawings.css", content=style_sheet()))
+    for name, text in (
+        ("examples.json", examples()),
+        ("program.py", (ROOT / "docs" / "playground_program.py").read_text()),
+    ):
+        files.append(File.generated(config, f"playground/{name}", content=text))
     for asset in sorted(ASSETS.glob("*")):
         files.append(File.generated(config, f"playground/{asset.name}", abs_src_path=str(asset)))
     return files
@@ -126,12 +132,40 @@ def detections() -> str:
             "| --- | --- | --- | --- |",
             *rows,
             "",
-            "All of them share the reading of a log: `rvaft monitor trees/detections/ -- LOG --repeat --format ecs`.",
-            "A rule for a product: `rvaft emit trees/detections/NAME.rvaft --to sigma`, or `eql`, `kql`, `sql` and",
+            "All of them share the reading of a log: `rvaft monitor trees/detections/ -- LOG --repeat --format ecs`. A",
+            "rule for a product: `rvaft emit trees/detections/NAME.rvaft --to sigma`, or `eql`, `kql`, `sql` and",
             "[others](languages/index.md).",
             "",
         ]
     )
+
+
+EXAMPLES: Final = {
+    "Data stolen after a break-in": ("docs/first/break_in.rvaft", "docs/first/break_in.traces/monday.jsonl"),
+    "Password guessed over SSH": ("docs/first/ssh_guessed.rvaft", "docs/first/ssh_guessed.traces/*"),
+    "Ready detection: five failed passwords": (
+        "trees/detections/ssh_guessing.rvaft",
+        "trees/detections/ssh_guessing.traces/four.jsonl",
+    ),
+    "A lost heartbeat": ("trees/absence/watchdog.rvaft", "trees/absence/watchdog.traces/*"),
+    "A robot in a nuclear plant": (
+        "trees/remote_inspection/pruned.rvaft",
+        "trees/remote_inspection/pruned.traces/table2_row3.jsonl",
+    ),
+    "Rupture of a pressure tank": ("trees/pressure_tank/tank.rvaft", "trees/pressure_tank/tank.traces/*"),
+}
+"""The examples of the playground: a tree and a log, or the first log of a folder."""
+
+
+def examples() -> str:
+    """Return the examples of the playground, as JSON."""
+    found = []
+    for name, (tree, log) in EXAMPLES.items():
+        first = min(ROOT.glob(log))
+        texts = {"tree": (ROOT / tree).read_text(encoding="utf-8"), "log": first.read_text(encoding="utf-8")}
+        scattered = "semantics" not in texts["tree"] and tree.startswith("docs/first")
+        found.append({"name": name, **texts, "semantics": "scattered" if scattered else ""})
+    return json.dumps(found)
 
 
 def grammar() -> str:

@@ -46,7 +46,7 @@ from rvaft.rules.rule import Finding, Severity
 from rvaft.rules.validity import valid_part
 
 if TYPE_CHECKING:
-    from rvaft.coverage.near_misses import NearMisses
+    from rvaft.diagnosis.near_misses import NearMisses
 
 __all__ = [
     "RVAFT",
@@ -173,7 +173,7 @@ def monitor(
 def near_misses(
     tree: RVAFT, events: Iterable[Any], *, semantics: Semantics | str | None = None, branch: int | None = None
 ) -> "NearMisses":
-    """Return why nothing was detected: the matches that lack one condition, closest first (`rvaft.coverage`).
+    """Return why nothing was detected: the matches that lack one condition, closest first (`rvaft.diagnosis`).
 
     They are looked for among the last 10,000 events. Raises the errors of `monitor`.
 
@@ -183,7 +183,7 @@ def near_misses(
     """
     expect("tree", tree, RVAFT, _TREE)
     expect("branch", branch, int | None, "an int")
-    from rvaft.coverage.near_misses import near_misses as found  # noqa: PLC0415 -- imported on use
+    from rvaft.diagnosis.near_misses import near_misses as found  # noqa: PLC0415 -- imported on use
 
     return found(tree, events, semantics=semantics, branch=branch)
 

@@ -30,7 +30,7 @@ from rvaft.support.wording import counted
 
 if TYPE_CHECKING:
     from rvaft.cli.native_run import NativeRun
-    from rvaft.coverage.near_misses import RecentEvents
+    from rvaft.diagnosis.recent_events import RecentEvents
 
 ENDS: Final = 1_000
 """Maximum number of keys whose missing events are listed, which takes time."""
@@ -451,7 +451,7 @@ class _Table(_Text):
 
 
 def _recent_events() -> "RecentEvents":
-    from rvaft.coverage.near_misses import RecentEvents  # noqa: PLC0415 -- imported on use
+    from rvaft.diagnosis.recent_events import RecentEvents  # noqa: PLC0415 -- imported on use
 
     return RecentEvents()
 

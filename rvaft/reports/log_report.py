@@ -23,7 +23,7 @@ from typing import Any, Final
 from rvaft.core.branches import branches
 from rvaft.core.letters import Letter
 from rvaft.core.restriction import whole
-from rvaft.coverage.near_misses import RecentEvents
+from rvaft.diagnosis.recent_events import RecentEvents
 from rvaft.errors import TooLarge
 from rvaft.export.property_text import property_text
 from rvaft.export.svg import svg_text

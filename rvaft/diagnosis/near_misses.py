@@ -5,14 +5,13 @@ each near miss is true by the meaning of trees: but for this condition the log h
 """
 
 import json
-from collections import deque
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, pairwise
-from typing import Final, NamedTuple, assert_never
+from typing import Final, assert_never
 
 from rvaft.core.restriction import property_of
-from rvaft.coverage.relaxation import Lack, Relaxation, relaxations, with_count, without_events
+from rvaft.diagnosis.relaxation import Lack, Relaxation, relaxations, with_count, without_events
 from rvaft.engine.monitor import Engine
 from rvaft.engine.selection import strategy_of
 from rvaft.errors import TooLarge, TreeError
@@ -28,8 +27,6 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_LIMIT, Explanation, Repetition
 from rvaft.rules.validity import valid_part
 from rvaft.stream.detection import places
-from rvaft.stream.listeners import Listener
-from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.support.wording import listing
 
 EVENTS: Final = 10_000
@@ -121,55 +118,10 @@ def near_misses(
     """
     part, meaning = valid_part(tree, branch), resolve_semantics(tree, semantics)
     pairs: Iterable[tuple[int, Json]] = events if numbered else enumerate(events, 1)
-    return _Search(part, meaning, [list(pairs)[-EVENTS:]]).result(limit)
+    return NearMissSearch(part, meaning, [list(pairs)[-EVENTS:]]).result(limit)
 
 
-class Closest(NamedTuple):
-    """Near misses, closest first, each with its trace or key and a line, and notes on what was not looked for."""
-
-    found: tuple[tuple[MonitoredTrace, NearMiss, str], ...]
-    notes: tuple[str, ...]
-
-
-class RecentEvents(Listener):
-    """The last relevant events of a run, of all traces and keys, for near misses."""
-
-    concerned = True
-
-    def __init__(self) -> None:
-        self._events: deque[tuple[MonitoredTrace, int, Json]] = deque(maxlen=EVENTS)
-
-    def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
-        """Keep a relevant event."""
-        self._events.append((watch, number, event))
-
-    def change(self, change: VerdictChange) -> None:
-        """Keep an event that changed a verdict."""
-        if not change.passed:
-            self.event(change.watch, change.number, change.event)
-
-    def closest(self) -> Closest:
-        """Return the near misses of traces and keys without a detection."""
-        logs: dict[int, list[tuple[int, Json]]] = {}
-        watches: dict[int, MonitoredTrace] = {}
-        for watch, number, event in self._events:
-            if not watch.monitors.found[0].notified and watch.monitors.verdicts[0] is not Verdict.TRUE:
-                watches[id(watch)] = watch
-                logs.setdefault(id(watch), []).append((number, event))
-        if not watches:
-            return Closest((), ())
-        known, monitors = list(watches.values()), next(iter(watches.values())).monitors
-        tree, numbered = monitors.columns[0].part, list(logs.values())
-        found = _Search(tree, monitors.semantics, numbered).result(SHOWN)
-        lines = tuple((known[one.log], one, one.line(tree, dict(numbered[one.log]))) for one in found.found)
-        few = len(self._events) == EVENTS
-        notes = [f"near misses are looked for among the last {EVENTS:,} relevant events"] if few else []
-        if found.skipped:
-            notes.append(f"not all near misses were looked for, which takes too long: {listing(found.skipped)}")
-        return Closest(lines, tuple(notes))
-
-
-class _Search:
+class NearMissSearch:
     """The search for near misses among the numbered events of some logs, each monitored on its own."""
 
     def __init__(self, tree: RVAFT, semantics: Semantics, logs: Sequence[Sequence[tuple[int, Json]]]) -> None:

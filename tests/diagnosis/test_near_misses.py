@@ -10,8 +10,8 @@ import pytest
 
 import rvaft
 from rvaft import Semantics, Verdict
-from rvaft.coverage.near_misses import near_misses
-from rvaft.coverage.relaxation import Lack
+from rvaft.diagnosis.near_misses import near_misses
+from rvaft.diagnosis.relaxation import Lack
 from rvaft.semantics import Reference
 from tests.cli.runs import lines, run, written
 from tests.engine.checking import small_valid_trees

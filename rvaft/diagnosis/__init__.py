@@ -1,0 +1,1 @@
+"""Why nothing was detected: near misses."""

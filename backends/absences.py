@@ -16,7 +16,7 @@ def clauses_of(scenario: Scenario) -> dict[Event, tuple[Without, ...]]:
     """Return, for each event of a scenario, the clauses whose part has it, in a stable order.
 
     >>> from rvaft import loads
-    >>> from rvaft.core.passes import property_of
+    >>> from rvaft.core.restriction import property_of
     >>> from rvaft.core.scenarios import scenarios
     >>> text = 'event e(n) = { event: n }; r sand a x; x and b c without e("d");'
     >>> scenario, = scenarios(property_of(loads(text)))

@@ -32,7 +32,7 @@ from rvaft.model.values import EXACT_INTEGERS, Json, is_finite, is_number
 ASPECTS: Final = ("text", "kind", "number", "string", "time", "truth")
 EXACT: Final = 2**46
 """Columns hold smaller numbers: sums of several remain exact as doubles."""
-LONGEST: Final = 22 * 10**17
+LONGEST_TIME: Final = 22 * 10**17
 """Bound of times and durations in nanoseconds (up to 2039), so that differences fit in 63 bits."""
 _FITS: Final = re.compile(r"(\w+) := (.*?)(?:(?<=[}\]_]) at ([A-Za-z_]\w*))?", re.ASCII)
 _HAS: Final = re.compile(rf"(\w+) ({'|'.join(ASPECTS)}) of (.*)")
@@ -76,7 +76,7 @@ class ValueColumn(NamedTuple):
             case _ if not is_number(found):
                 return None
             case "time":
-                if abs(found) >= LONGEST:
+                if abs(found) >= LONGEST_TIME:
                     raise OverflowError("times of 2.2e18 ns or more are not exact in this language")
                 return int(found)
             case _ if abs(found) >= EXACT:
@@ -207,7 +207,7 @@ def require_exact_sums(*terms: Guard, time: bool) -> None:
             case _:
                 return unit
 
-    unit = LONGEST - 1 if time else EXACT - 1
+    unit = LONGEST_TIME - 1 if time else EXACT - 1
     if max(map(reach, terms)) >= (2**62 if time else EXACT_INTEGERS):
         raise Unsayable("its sums are too large to be exact in the language")
 

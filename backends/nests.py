@@ -131,7 +131,7 @@ def in_every_order(prop: Property, refusal: Refusal, *, limit: int) -> Nest:
     for guards over several events.
 
     >>> from rvaft import loads
-    >>> from rvaft.core.passes import property_of
+    >>> from rvaft.core.restriction import property_of
     >>> def refused(*_): raise ValueError
     >>> [part.nodes() for part in in_every_order(property_of(loads("top and a b;")), refused, limit=9).parts]
     [['a', 'b'], ['b', 'a']]
@@ -161,7 +161,7 @@ class Nesting:
     Raises `TooLarge` beyond `limit` of the `unit`.
 
     >>> from rvaft import loads
-    >>> from rvaft.core.passes import property_of
+    >>> from rvaft.core.restriction import property_of
     >>> def refused(*_): raise ValueError
     >>> made = Nesting(property_of(loads("top sand a g; g and b c;")), refused, limit=9, unit="events").nest()
     >>> made.op.name, made.parts[1].op.name, made.size

@@ -6,9 +6,10 @@ Choices between independent leaves are made within a letter. All steps count aga
 from collections import Counter
 from collections.abc import Callable, Container, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 from rvaft.core import scenarios as core
+from rvaft.core.precedence import Ready
 from rvaft.core.property import All, Condition, Event, One, Part, Property, Source, with_parts
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import TooLarge, TreeError
@@ -18,6 +19,9 @@ from rvaft.model.patterns import Anything, rigid_variables
 from rvaft.support.bits import bits
 
 Letter = TypeVar("Letter", bound=Hashable)
+
+_STEPS: Final = 200
+"""Steps of search for each event that the limit allows."""
 
 
 class GuardedEvent(NamedTuple):
@@ -30,12 +34,12 @@ class GuardedEvent(NamedTuple):
 class Orders:
     """The feasible scenarios of a property, and their event orders.
 
-    Raises `TooLarge` beyond `limit` events of all orders, or `steps` per event. `grouped`: a choice
+    Raises `TooLarge` beyond `limit` events of all orders, or 200 steps per event. `grouped`: a choice
     between leaves is one event of the scenarios; `groups` maps it to its leaves. `minimal`: votes
     keep no child beyond their minimum.
 
     >>> from rvaft import loads
-    >>> from rvaft.core.passes import property_of
+    >>> from rvaft.core.restriction import property_of
     >>> orders = Orders(property_of(loads("top and a o; o or b c;")), limit=100)
     >>> scenario, = orders.scenarios()
     >>> def letter(event):
@@ -45,10 +49,8 @@ class Orders:
     [('a', 'b|c'), ('b|c', 'a')]
     """
 
-    def __init__(
-        self, prop: Property, *, limit: int, steps: int = 200, grouped: bool = True, minimal: bool = True
-    ) -> None:
-        self._limit, self._left, self._minimal = limit, limit * steps, minimal
+    def __init__(self, prop: Property, *, limit: int, grouped: bool = True, minimal: bool = True) -> None:
+        self._limit, self._left, self._minimal = limit, limit * _STEPS, minimal
         self._said: set[tuple[Hashable, ...]] = set()
         self._events = 0
         self.groups: dict[Event, tuple[GuardedEvent, ...]] = {}
@@ -153,7 +155,7 @@ class Orders:
             alike = letters[event], known[one], after[one]
             needed[one] |= last.get(alike, 0)
             last[alike] = 1 << one
-        everything, ready = (1 << len(events)) - 1, core.Ready(needed)
+        everything, ready = (1 << len(events)) - 1, Ready(needed)
         todo: list[tuple[frozenset[int], tuple[Letter, ...]]] = [(frozenset({0}), ())]
         while todo:
             if len(events) * len(todo) > self._limit:  # each prefix begins at least one word

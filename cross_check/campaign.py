@@ -12,7 +12,8 @@ from cross_check.comparison import Comparison, Roster
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.results import Job, Result, Status, raised
 from cross_check.traces import Effort
-from rvaft.core.branches import branches, restrict
+from rvaft.core.branches import branches
+from rvaft.core.restriction import restrict
 from rvaft.errors import TreeError
 from rvaft.model.guards import FUNCTIONS, Operation, Operator, time_points
 from rvaft.model.guards import walk as guard_walk

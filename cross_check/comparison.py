@@ -17,11 +17,22 @@ from typing import Final, TypeAlias, TypeVar
 from cross_check.generate.assumptions import conforming
 from cross_check.generate.probes import probes
 from cross_check.generate.times import in_order
-from cross_check.judges import FLINK, MONPOLY, R2U2, VERIFIED, VERIMON, flink_of, monpoly_of, r2u2_of, verified_of
+from cross_check.judges import (
+    FLINK,
+    MONA,
+    MONPOLY,
+    R2U2,
+    VERIFIED,
+    VERIMON,
+    flink_of,
+    mona_of,
+    monpoly_of,
+    r2u2_of,
+    verified_of,
+)
 from cross_check.letters import TIMES, VARIABLES
 from cross_check.participants import (
     ENGINE,
-    MONA,
     PATIENCE,
     REFERENCE,
     Absent,
@@ -41,13 +52,13 @@ from cross_check.participants import (
     translated,
 )
 from cross_check.product import Exploration
-from cross_check.published_monitor import NAME as PUBLISHED
-from cross_check.published_monitor import published_of
+from cross_check.published.rml_monitor import NAME as PUBLISHED
+from cross_check.published.rml_monitor import published_of
 from cross_check.results import DETECTIONS_ONLY, NOTHING, Difference, Job, Result, Status, raised, reason
 from cross_check.simpler_traces import plainer
 from cross_check.traces import Effort, Trace, letters_of, trials
 from rvaft.backend import Match
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.errors import NoVerdict, TooLarge
 from rvaft.model.assumptions import first_violation
 from rvaft.model.expressions import assumptions_text
@@ -129,7 +140,7 @@ class Roster:
         if self.flink:
             yield FLINK, partial(flink_of, part, job.semantics)
         if self.mona:
-            yield MONA, partial(translated, "ltlf", part, job.semantics, tool="mona")
+            yield MONA, partial(mona_of, part, job.semantics)
         for text in self.against:
             yield text.path, partial(text.enlist, tree, job.semantics)
 

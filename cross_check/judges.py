@@ -1,20 +1,20 @@
-"""Participants that run in external programs: MonPoly with VeriMon, R2U2, Apache Flink, and the
+"""Participants that run in external programs: MONA, MonPoly with VeriMon, R2U2, Apache Flink, and the
 verified monitor, which is extracted from the Coq proofs (`proofs/`) and reads the tree itself.
 """
 
 import json
 import subprocess
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Final, TypeAlias
 
-from backends.match_recognize import flink
-from backends.match_recognize.flink import RowHeader
-from backends.mfotl import monpoly
-from backends.mfotl.monpoly import MfotlHeader
-from backends.mtl import r2u2
-from cross_check.participants import Answer, Outside, absent_on_error, detected
+from backends.mfotl.predicates import MfotlHeader
+from cross_check.participants import Absent, Answer, Outside, Participant, absent_on_error, detected, translated
+from cross_check.published import flink, monpoly, r2u2
+from cross_check.published.flink import RowHeader
+from cross_check.published.mona import MonaMonitor
 from rvaft.backend import Specification, backend
 from rvaft.errors import NotExpressible, ToolFailed, unwritten
 from rvaft.export.certificates import part_options, run
@@ -24,6 +24,7 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import LeftOpen
 
+MONA: Final = "ltlf-mona"
 MONPOLY: Final = "mfotl-monpoly"
 VERIMON: Final = "mfotl-verimon"
 R2U2: Final = "mtl-r2u2"
@@ -35,6 +36,17 @@ FLINK_LIMIT: Final = 200
 _SIGNS: Final = {"T": Verdict.TRUE, "F": Verdict.FALSE, "?": Verdict.UNKNOWN}
 
 Traces: TypeAlias = Sequence[Sequence[Json]]
+
+
+@absent_on_error
+def mona_of(part: RVAFT, semantics: Semantics) -> Participant | Absent:
+    """Return MONA with the LTLf text of a tree, or the error as `Absent`."""
+    read = translated("ltlf", part, semantics)
+    if isinstance(read, Absent):
+        return read
+    assert read.specification is not None
+    first = MonaMonitor(read.specification.text)
+    return replace(read, name=MONA, start=first.fork, matches=None, left_open=first.left_open)
 
 
 @absent_on_error

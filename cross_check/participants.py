@@ -15,10 +15,9 @@ from cross_check.confined_text import ConfinedText, require_permission
 from cross_check.letters import ties
 from cross_check.results import Status
 from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
-from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.feasibility import most_scenarios
-from rvaft.core.passes import property_of
+from rvaft.core.restriction import property_of, restrict
 from rvaft.core.scenarios import LIMIT
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
@@ -44,7 +43,6 @@ from rvaft.support.files import opened
 
 REFERENCE: Final = "reference"
 ENGINE: Final = "engine"
-MONA: Final = "ltlf-mona"
 PATIENCE: Final = 60.0
 """Seconds for an answer of an external program or of a text that a person wrote."""
 
@@ -275,20 +273,17 @@ class _CountedReference(Reference):
 
 
 @absent_on_error
-def translated(
-    name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None, tool: str | None = None
-) -> Participant:
-    """Return a backend's text, run by its reader or by an external tool."""
+def translated(name: str, part: RVAFT, semantics: Semantics, *, limit: int | None = None) -> Participant:
+    """Return a backend's text, run by its reader."""
     language = backend(name)
     if not language.readable:
         raise OptionError(f"{name} has no reader, so its texts cannot be compared")
     specification = language.translate(part, semantics, limit=limit)
-    first = specification.monitor() if tool is None else language.read_with(tool, specification.text)
-    called = name if tool is None else f"{name}-{tool}"
+    first = specification.monitor()
     observed = language.observed(specification.text)
     asks = times_matter(part), language.json_alone, *_of_whole_traces(first)
-    found = None if tool is not None else partial(language.matches, specification.text)
-    return Participant(called, first.fork, specification, observed, None, *asks, found)
+    matches = partial(language.matches, specification.text)
+    return Participant(name, first.fork, specification, observed, None, *asks, matches)
 
 
 def _of_whole_traces(monitor: Monitor) -> tuple[FirstDetections | None, LeftOpen | None]:

@@ -1,20 +1,20 @@
 """Trees as SVG in the colours of the report page, light and dark."""
 
 import re
-from pathlib import Path
 from typing import Final
 
 import rvaft
 from rvaft.export.svg import svg_text
+from rvaft.reports.log_report import PAGE
+from rvaft.reports.page import template
 
 THEMES: Final = ("light", "dark")
-_PAGE: Final = Path(rvaft.__file__).parent / "reports" / "log_report.html"
 _VARIABLE: Final = re.compile(r"--(\w+): light-dark\(([^,]+), ([^)]+)\)")
 
 
 def style(theme: str) -> str:
     """Return the rules of the report page for trees, with the colours of a theme."""
-    text = _PAGE.read_text(encoding="utf-8")
+    text = template(PAGE)
     colours = {name: dark if theme == "dark" else light for name, light, dark in _VARIABLE.findall(text)}
     rules = "\n".join(line for line in text.splitlines() if line.startswith("svg "))
     return re.sub(r"var\(--(\w+)\)", lambda found: colours[found[1]], rules)

@@ -18,8 +18,9 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, final
 
 from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check, extended
-from rvaft.core.passes import Pass, decide_constants, property_of
+from rvaft.core.passes import Pass, decide_constants
 from rvaft.core.property import Event, Part, Property
+from rvaft.core.restriction import property_of
 from rvaft.errors import (
     NotExpressible,
     OptionError,
@@ -192,8 +193,6 @@ class Backend(ABC):
     """The Python modules of that program; without them, comparisons skip the language."""
     executes: ClassVar[bool] = False
     """Whether `read` compiles a text and runs it as a program; others interpret the text."""
-    tools: ClassVar[tuple[str, ...]] = ()
-    """Published programs that `read_with` can use."""
     highlighting: ClassVar[Highlighting | None] = None
     """The highlighting in LaTeX listings, if any."""
     semantics: ClassVar[frozenset[Semantics]] = frozenset()
@@ -396,28 +395,13 @@ class Backend(ABC):
         """
         return None
 
-    def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:  # noqa: ARG002
-        """Return a monitor that runs a text by one of `tools` instead of rvaft's own reader.
-
-        Raises `ToolMissing`, `ToolFailed`, `NotExpressible`, `TooLarge`, `LanguageError`,
-        `OptionError`.
-        """
-        raise OptionError(f"no tool {tool} runs {self.language}; known: {', '.join(self.tools) or 'none'}")
-
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:  # noqa: ARG002
         """Return all matches in each trace; None (the default) if the language does not report
         them.
 
-        Raises `LanguageError` and the errors of `read_with`.
+        Raises `LanguageError`, `ToolMissing`, `ToolFailed`.
         """
         return None
-
-    def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:  # noqa: ARG002
-        """Return why published tools are known to deviate from `read` on this text and trace.
-
-        A comparison with such a tool leaves out the pair. Raises `LanguageError`.
-        """
-        return ()
 
 
 def stamped(tree: RVAFT, trace: Iterable[Json], field: str) -> Iterator[Json]:

@@ -18,7 +18,7 @@ from typing import Any, Final, TypeAlias
 from backends import slices
 from backends.automaton.hoa_writer import ALIVE, checksum
 from rvaft.backend import Observed
-from rvaft.core.classifier import Decided, PatternIndex
+from rvaft.core.pattern_index import Decided, PatternIndex
 from rvaft.core.times import timed
 from rvaft.errors import LanguageError, NotExpressible, TooLarge, ToolMissing, error_at, installed, unwritten
 from rvaft.export.event_conditions import EventConditions

@@ -168,7 +168,7 @@ def write(
         f"States: {states}",
         "Start: 0",
         *_propositions(structure, numbers, relevance),
-        *([] if time is None else [f"time: {_quoted(time_text(time).removeprefix('time '))}"]),
+        *([] if time is None else [f"time: {_hoa_string(time_text(time).removeprefix('time '))}"]),
         "acc-name: Buchi",
         "Acceptance: 1 Inf(0)",
         "properties: trans-labels explicit-labels state-acc deterministic",
@@ -177,7 +177,7 @@ def write(
         alias = [*always, str(numbers[atom]), *words(excluded, "!")]
         header.append(f"Alias: @{numbers[atom]} {'&'.join(alias)}")
     text = "\n".join([*header, "--BODY--", *body, "--END--", ""])
-    text = f'HOA: v1\nname: {_quoted(visible(name))}\ntool: "rvaft" "{checksum(text)}"\n{text}'
+    text = f'HOA: v1\nname: {_hoa_string(visible(name))}\ntool: "rvaft" "{checksum(text)}"\n{text}'
     symbols = sum(len(_TOKEN.findall(line)) for line in body)
     return text, Metrics(symbols, states=states, edges=sum(line.startswith("[") for line in body))
 
@@ -196,24 +196,26 @@ def _propositions(structure: Structure, numbers: Mapping[int, int], relevance: R
             pattern, time = untimed(structure.patterns[proposition])
             names.append(_fresh(atom_name(structure.names[proposition]), taken))
             taken.add(names[-1])
-            meanings.append(f"event: {number} {_quoted(pattern_text(pattern))}" + (f" {_quoted(time)}" if time else ""))
+            meanings.append(
+                f"event: {number} {_hoa_string(pattern_text(pattern))}" + (f" {_hoa_string(time)}" if time else "")
+            )
         else:
             names.append(f"guard_{number}")
-            meanings.append(f"guard: {number} {_quoted(guard_text(structure.guards[proposition - atoms]))}")
-    yield f"AP: {len(names)} " + " ".join(map(_quoted, names))
+            meanings.append(f"guard: {number} {_hoa_string(guard_text(structure.guards[proposition - atoms]))}")
+    yield f"AP: {len(names)} " + " ".join(map(_hoa_string, names))
     yield from meanings
     if relevance is not None:
         yield "relevant: 1"
         for word, fits in (("alphabet", relevance.alphabet), ("ignore", relevance.ignored)):
             for pattern, guard in fits:
-                condition = "" if guard is None else f" {_quoted(guard_text(guard))}"
-                yield f"{word}: {_quoted(pattern_text(pattern))}{condition}"
+                condition = "" if guard is None else f" {_hoa_string(guard_text(guard))}"
+                yield f"{word}: {_hoa_string(pattern_text(pattern))}{condition}"
 
 
 def _fresh(wanted: str, taken: Container[str]) -> str:
     return next(name for number in count(1) if (name := wanted if number == 1 else f"{wanted}_x_{number}") not in taken)
 
 
-def _quoted(text: str) -> str:
+def _hoa_string(text: str) -> str:
     escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\0", "\ufffd")  # no tool reads a zero byte
     return f'"{escaped}"'

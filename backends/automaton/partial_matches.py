@@ -9,9 +9,10 @@ from functools import cache
 
 from backends.absences import OpenClauses, breaking_event, require_unbroken
 from rvaft.core.overlaps import overlaps
+from rvaft.core.precedence import Ready
 from rvaft.core.property import Event, Property, Without
 from rvaft.core.residual import Move, Residual
-from rvaft.core.scenarios import Ready, Scenario, scenarios
+from rvaft.core.scenarios import Scenario, scenarios
 from rvaft.model.guards import Guard, variables
 from rvaft.model.nodes import Side
 from rvaft.model.patterns import Pattern, rigid_variables

@@ -105,7 +105,7 @@ def _folded(call: str, terms: list[str]) -> str:
     return made
 
 
-class EventFields:
+class NumberedFields:
     """The fields that a tree reads, numbered; each is below another one or the event (-1)."""
 
     def __init__(self) -> None:

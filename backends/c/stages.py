@@ -13,8 +13,9 @@ from itertools import chain
 from typing import Final, NamedTuple
 
 from rvaft.core.overlaps import compatible
+from rvaft.core.precedence import Ready
 from rvaft.core.property import Event, Part, Property, Without
-from rvaft.core.scenarios import Ready, Scenario, scenarios
+from rvaft.core.scenarios import Scenario, scenarios
 from rvaft.core.times import Extreme, TimeDifference, differences
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, conjuncts, variables

@@ -8,7 +8,7 @@ from importlib.resources import files
 from textwrap import fill
 from typing import ClassVar, Final
 
-from backends.c.events import EventFields, Step, expression
+from backends.c.events import NumberedFields, Step, expression
 from backends.c.questions import comment
 from rvaft.core.property import Property
 from rvaft.errors import NotExpressible, unwritten
@@ -124,7 +124,7 @@ class Writer(ABC):
         self._prop = prop
         self._semantics = semantics
         self._use = use
-        self._fields = EventFields()
+        self._fields = NumberedFields()
         self._key = [(self._fields.number(first), self._fields.number(second)) for first, second in use.key]
         self._fields.whole.update(*self._key)
         self._guards: dict[str, int] = {}

@@ -7,7 +7,7 @@ from backends.c.unit_tables import UnitTables, tables_of
 from backends.c.unit_text import FrontWriter, UnitWriter
 from rvaft.core.passes import Pass, decide_constants, expand_times, order_ends, simplify, windows_to_guards
 from rvaft.core.property import Property
-from rvaft.engine.units import units
+from rvaft.core.units import units
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.nodes import Side
 from rvaft.model.verdict import Semantics

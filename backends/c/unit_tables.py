@@ -11,15 +11,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple, assert_never
 
-from rvaft.engine.units import Op, Unit, UnitLeaf
-from rvaft.engine.unordered_run import PositionUse
+from rvaft.core.units import Op, PositionUse, Unit, UnitLeaf
 
 NONE: Final = "NONE"
 NEVER: Final = "UINT64_MAX"
 _MOST: Final = (1 << 64) - 1
 
 
-class Kind(NamedTuple):
+class InstanceKind(NamedTuple):
     """The instances of a unit, or those with the last events of a leaf that has variables of its own."""
 
     names: tuple[str, ...]
@@ -54,7 +53,7 @@ class PlacedLeaf(NamedTuple):
 class UnitTables:
     """The tables of some units."""
 
-    kinds: list[Kind] = field(default_factory=list)
+    kinds: list[InstanceKind] = field(default_factory=list)
     leaves: list[PlacedLeaf] = field(default_factory=list)
     """The leaves of each unit, the last one first: an event that serves two leaves of a sequence follows those before
     it at both."""
@@ -87,12 +86,12 @@ def tables_of(units: Sequence[Unit], *, fronts: bool = False) -> UnitTables:
 
     >>> import rvaft
     >>> from rvaft.core.build import build
-    >>> from rvaft.engine.units import units
+    >>> from rvaft.core.units import units
     >>> made = tables_of(units(build(rvaft.loads("top sand a b c;"))) or ())
     >>> made.starts, [one.after for one in made.leaves]
     (2, [1, 0, None])
     """
-    made, own = UnitTables(fronts=fronts), list[Kind]()
+    made, own = UnitTables(fronts=fronts), list[InstanceKind]()
     for number, unit in enumerate(units):
         placing = _Fronts if fronts else _Starts
         own += placing(unit, number, made, len(units) + len(own)).own
@@ -118,7 +117,7 @@ class _Placing(ABC):
                 made.siblings = max(made.siblings, len(below))
         weights = [*self._weights()]
         events = sum(2 * weights[0] * self._levels(node) for node in self._slots)
-        self.own = list[Kind]()
+        self.own = list[InstanceKind]()
         starts, rings = slots, 0
         leaves = list[PlacedLeaf]()
         for leaf in unit.leaves:
@@ -128,13 +127,13 @@ class _Placing(ABC):
             needed = 4 * leaf.number + 2 * weights[0] * (levels - 1) * leaf.number if leaf.number > 1 else 0
             if leaf.own:
                 names = (*unit.key, *leaf.own)
-                self.own.append(Kind(names, 0, room, 1, 0, unit.limits[leaf.node], needed))
+                self.own.append(InstanceKind(names, 0, room, 1, 0, unit.limits[leaf.node], needed))
             elif leaf.number > 1:
                 starts, rings, events = starts + room, rings + 1, events + needed
         made.leaves += reversed(leaves)
         made.names += unit.names
         made.nodes += [self._row(node) for node in range(size)]
-        made.kinds.append(Kind(unit.key, slots, starts, rings, order, unit.window, events))
+        made.kinds.append(InstanceKind(unit.key, slots, starts, rings, order, unit.window, events))
         made.levels = max(made.levels, *map(self._levels, range(size)), *(one.levels for one in leaves))
         made.depth = max(made.depth, weights[0])
 
@@ -153,6 +152,27 @@ class _Placing(ABC):
     @abstractmethod
     def _row(self, node: int) -> str:
         """Return the row of a node."""
+
+    @abstractmethod
+    def _after(self, node: int) -> str:
+        """Return the role of a child of a sequence but the first one."""
+
+    def _role(self, node: int) -> str:
+        """Return the role of a node in its gate."""
+        gate, op, before, *_ = self._unit.places[node]
+        match op:
+            case _ if gate < 0:
+                return "ROOT"
+            case Op.ONE:
+                return "ONLY"
+            case Op.ALL | Op.AT_LEAST:
+                return "BESIDE"
+            case Op.SEQUENCE | Op.ENDS:
+                return "FIRST" if before < 0 else self._after(node)
+            case Op.LEAF:
+                raise AssertionError("a leaf has no children")
+            case _:
+                assert_never(op)
 
     def _is_kept(self, node: int) -> bool:
         """Whether the matches of a node are kept."""
@@ -226,28 +246,18 @@ class _Starts(_Placing):
     def _room(self, leaf: UnitLeaf, levels: int) -> int:
         return leaf.number * levels if leaf.number > 1 else 0
 
+    def _after(self, node: int) -> str:
+        return "AFTER" if self._pops(node) else "ENDING"
+
     def _row(self, node: int) -> str:
-        gate, op, before, _, siblings, need = self._unit.places[node]
-        elder, order = NONE, 0
-        match op:
-            case _ if gate < 0:
-                how = "ROOT"
-            case Op.ONE:
-                how = "ONLY"
-            case Op.ALL | Op.AT_LEAST:
-                how, order = "BESIDE", self._order[gate]
-            case Op.SEQUENCE | Op.ENDS:
-                how = "FIRST" if before < 0 else "AFTER" if self._pops(node) else "ENDING"
-                elder = str(self._slots[before]) if how == "ENDING" else NONE
-            case Op.LEAF:
-                raise AssertionError("a leaf has no children")
-            case _:
-                assert_never(op)
-        place = self._slots.get(node, NONE)
+        gate, _, before, _, siblings, need = self._unit.places[node]
+        role, place = self._role(node), self._slots.get(node, NONE)
+        elder = self._slots[before] if role == "ENDING" else NONE
+        order = self._order[gate] if role == "BESIDE" else 0
         numbers = self._gate(node), place, elder, order, max(1, len(siblings)), max(1, need)
         levels = self._levels(node)
         within = duration(self._unit.windows[node])
-        return f"{{{within}, {', '.join(map(str, numbers))}, {levels}, {how}, {self._again(node)}}}"
+        return f"{{{within}, {', '.join(map(str, numbers))}, {levels}, {role}, {self._again(node)}}}"
 
 
 class _Fronts(_Placing):
@@ -267,30 +277,20 @@ class _Fronts(_Placing):
     def _room(self, leaf: UnitLeaf, levels: int) -> int:  # noqa: ARG002 (none)
         return 1 if leaf.number > 1 else 0
 
+    def _after(self, node: int) -> str:  # noqa: ARG002 (the same for all)
+        return "AFTER"
+
     def _row(self, node: int) -> str:
         unit = self._unit
-        gate, op, before, _, siblings, need = unit.places[node]
-        elder, beside = NONE, 0
-        match op:
-            case _ if gate < 0:
-                how = "ROOT"
-            case Op.ONE:
-                how = "ONLY"
-            case Op.ALL | Op.AT_LEAST:
-                how, beside = "BESIDE", self._slots[siblings[0]]
-            case Op.SEQUENCE | Op.ENDS:
-                how = "FIRST" if before < 0 else "AFTER"
-                elder = NONE if before < 0 else str(self._slots[before])
-            case Op.LEAF:
-                raise AssertionError("a leaf has no children")
-            case _:
-                assert_never(op)
-        place = self._slots.get(node, NONE)
+        _, op, before, _, siblings, need = unit.places[node]
+        role, place = self._role(node), self._slots.get(node, NONE)
+        elder = self._slots[before] if role == "AFTER" else NONE
+        beside = self._slots[siblings[0]] if role == "BESIDE" else 0
         numbers = self._number, self._gate(node), place, elder, beside, max(1, len(siblings)), max(1, need)
         apart = op is Op.SEQUENCE and before >= 0 and not unit.direct[node]
         flags = self._again(node), self._positions.inside[node], self._positions.followed[node], apart
         durations = f"{duration(unit.windows[node])}, {duration(unit.limits[node])}"
-        return f"{{{durations}, {', '.join(map(str, numbers))}, {how}, {', '.join(str(int(one)) for one in flags)}}}"
+        return f"{{{durations}, {', '.join(map(str, numbers))}, {role}, {', '.join(str(int(one)) for one in flags)}}}"
 
 
 def duration(window: int | None) -> str:

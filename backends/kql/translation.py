@@ -25,6 +25,7 @@ from decimal import Decimal
 from itertools import product
 from typing import Final, NamedTuple, assert_never
 
+from backends.counted_leaves import single_rows
 from backends.joins import COUNTED, JoinedScenario, joined_scenarios, variable_paths
 from backends.tables import Path, Table, TableHeader, column_types, time_line
 from rvaft.backend import Metrics
@@ -130,7 +131,7 @@ class KqlQuery:
         sorted_ = self.header.position == self.header.time != ""
         lateness = 0 if sorted_ else None if prop.tree.time is None else prop.tree.time.late
         found = joined_scenarios(JoinedScenario, prop, limit, most=COUNTED, minimal=not prop.absences)
-        self.scenarios = tuple(one.counted(lateness, values=self._groups(one), starts=True) for one in found)
+        self.scenarios = tuple(single_rows(one, lateness, values=self._groups(one), starts=True) for one in found)
         if any(len(one.before) > EVENTS for one in self.scenarios):
             raise TooLarge("events joined in a scenario", limit=EVENTS)
         if not self.scenarios:

@@ -38,7 +38,6 @@ class LtlfBackend(Backend):
     language: ClassVar[str] = "ltlf"
     suffix: ClassVar[str] = ".ltlf"
     remark: ClassVar[str] = "/* {} */\n"
-    tools: ClassVar[tuple[str, ...]] = ("mona",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
@@ -70,16 +69,3 @@ class LtlfBackend(Backend):
     def formal(self, text: str) -> dict[str, Any]:
         """Return the abstract syntax of a formula."""
         return formal(text)
-
-    def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """Return a monitor for a formula without variables; ltlf2dfa and MONA (`mona`) build its
-        automaton.
-
-        Raises `LanguageError`, `NotExpressible` (variables), `TooLarge` (too many atoms, or a
-        timeout of MONA), and `ToolMissing` without Spot, ltlf2dfa or MONA.
-        """
-        if tool not in self.tools:
-            return super().read_with(tool, text, atoms=atoms)
-        from backends.ltlf.mona import MonaMonitor  # noqa: PLC0415 -- imported on use
-
-        return MonaMonitor(text, atoms or {})

@@ -17,8 +17,9 @@ from backends.ltlf.progression import Residuals
 from backends.ltlf.reader import Header, Observation, formula_of
 from backends.slices import advance, fits, start
 from rvaft.backend import Observed
-from rvaft.core.classifier import FirstLiterals, Letter, PatternIndex, Reader, literals_of, reader
+from rvaft.core.letters import Letter, Reader, reader
 from rvaft.core.overlaps import overlaps
+from rvaft.core.pattern_index import FirstLiterals, PatternIndex, literals_of
 from rvaft.export.event_conditions import EventConditions
 from rvaft.model import guards, patterns
 from rvaft.model.patterns import Binding, Pattern

@@ -10,8 +10,8 @@ from typing import Final, TypeAlias, assert_never
 
 from rvaft.core.overlaps import Overlaps
 from rvaft.core.part_numbers import EMPTY, NumberedPart, NumberedParts, divided
+from rvaft.core.precedence import transitive
 from rvaft.core.property import Event, PartKind
-from rvaft.core.scenarios import transitive
 from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import rigid_variables

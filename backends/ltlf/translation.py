@@ -11,8 +11,9 @@ from backends.ltlf.parts import Anatomy, GuardsOf, settled, simplified
 from backends.ltlf.reader import Header, Observation
 from rvaft.backend import Metrics
 from rvaft.core.part_numbers import NumberedParts, numbered
+from rvaft.core.precedence import Ready
 from rvaft.core.property import Event, Property, Without
-from rvaft.core.scenarios import Ready, Scenario, scenarios
+from rvaft.core.scenarios import Scenario, scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TreeError
 from rvaft.model.guards import Guard, variables

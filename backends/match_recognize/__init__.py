@@ -21,7 +21,7 @@ class MatchRecognizeBackend(Backend):
     """Queries with a row per detection: every tree, except calculations over events that doubles
     distort.
 
-    No cross-check runs these queries; `backends.match_recognize.flink` runs them in Apache Flink.
+    No cross-check runs these queries; `cross_check.published.flink` runs them in Apache Flink.
 
     >>> from rvaft import loads
     >>> print(MatchRecognizeBackend().translate(loads("theft sand break_in alarm;"), Semantics.SCATTERED).text, end="")

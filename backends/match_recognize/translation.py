@@ -10,9 +10,8 @@ from contextlib import contextmanager
 from itertools import chain, count
 from typing import Final
 
-from backends.event_columns import FittingEvent, ValueColumn, time_variables
+from backends.event_columns import EventColumns, FittingEvent, ValueColumn, time_variables
 from backends.match_recognize.conditions import ALWAYS, NEVER, written
-from backends.match_recognize.flink import RowHeader
 from backends.orders import Orders
 from rvaft.backend import Metrics
 from rvaft.core.conditions import TruthCondition, TruthConditions, Unsayable
@@ -47,7 +46,7 @@ class RowPatternQueries:
                 raise NotExpressible(unwritten(reason), nodes=[clause.source.node])
         minimal = semantics is Semantics.SCATTERED and not prop.absences
         self._orders = Orders(prop, limit=limit, grouped=False, minimal=minimal)
-        self._header = RowHeader(time=prop.time)
+        self._header = EventColumns(time=prop.time)
         self._times = time_variables(prop)
         self._columns: dict[FittingEvent, str] = {}
         self._taken = set(_RESERVED)

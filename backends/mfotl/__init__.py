@@ -8,7 +8,7 @@ separate file (`signature`). The `limit` counts atoms and comparisons.
 
 from typing import ClassVar
 
-from backends.mfotl.monpoly import MfotlHeader
+from backends.mfotl.predicates import MfotlHeader
 from backends.mfotl.translation import MfotlFormula
 from rvaft.backend import Backend, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value

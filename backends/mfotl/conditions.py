@@ -8,7 +8,7 @@ from itertools import chain, product
 from typing import Final, TypeAlias
 
 from backends.event_columns import constant, require_exact_sums
-from backends.mfotl.monpoly import Column, argument
+from backends.mfotl.predicates import Column, argument
 from rvaft.core.conditions import (
     ComparisonTest,
     ConditionTest,

@@ -14,13 +14,14 @@ from backends.absences import without_vacuous
 from backends.event_columns import FittingEvent, ValueColumn, time_variables
 from backends.mfotl.absences import LackedEvent, PredicateText, clause_of, conjoined, exists, timed_absences, without
 from backends.mfotl.conditions import Conditions, Ways, both
-from backends.mfotl.monpoly import Column, MfotlHeader
+from backends.mfotl.predicates import Column, MfotlHeader
 from backends.orders import Orders
 from rvaft.backend import Metrics
 from rvaft.core.conditions import Unsayable
 from rvaft.core.overlaps import Overlaps, overlaps
+from rvaft.core.precedence import direct
 from rvaft.core.property import Event, Property
-from rvaft.core.scenarios import Scenario, direct
+from rvaft.core.scenarios import Scenario
 from rvaft.core.times import untimed
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, variables

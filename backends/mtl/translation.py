@@ -68,7 +68,7 @@ def c2po(horizon: int) -> Syntax:
     return Syntax("{}", " || ", " && ", "!{}", "{}", "(true S[1,1] ({}))", earlier, f"({{}} S[0,{horizon}] ({{}}))")
 
 
-class Letter(NamedTuple):
+class WordLetter(NamedTuple):
     """One event of an order: a choice of propositions, of which none of `absent` holds between the
     previous one and it.
 
@@ -87,11 +87,11 @@ class Letter(NamedTuple):
         """All propositions, those of the event first."""
         return (*self.some, *self.absent, *(name for name, _ in (*self.before, *self.after)))
 
-    def renamed(self, names: Mapping[str, str]) -> "Letter":
+    def renamed(self, names: Mapping[str, str]) -> "WordLetter":
         """Return the letter with other names."""
         some, absent = (tuple(names[one] for one in each) for each in (self.some, self.absent))
         near, later = (tuple((names[one], within) for one, within in each) for each in (self.before, self.after))
-        return Letter(some, absent, self.timed, near, later)
+        return WordLetter(some, absent, self.timed, near, later)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +100,7 @@ class Chains:
 
     definitions: tuple[tuple[str, str], ...]
     """The definitions of the propositions, as `PATTERN when GUARD`; those of one name are alternatives."""
-    words: tuple[tuple[Letter, ...], ...]
+    words: tuple[tuple[WordLetter, ...], ...]
     semantics: Semantics
     unit: str = ""
     """The unit of bounds; empty without durations."""
@@ -118,7 +118,7 @@ class Chains:
         """Return that a part was true now or before, at an event with a time, at most a duration ago."""
         return dialect.recent.format(within // UNITS[self.unit], part)
 
-    def _decided(self, word: Sequence[Letter], dialect: Syntax) -> str:
+    def _decided(self, word: Sequence[WordLetter], dialect: Syntax) -> str:
         """Return that a word has come, and that an event now decides that none has come `after` it.
 
         An event with a time that came within the duration broke it. Since then no such event came, so it is enough that
@@ -135,7 +135,7 @@ class Chains:
         timed = self._recent(f"{last}{dialect.either}{dialect.negated.format(last)}", 1 * UNITS[self.unit], dialect)
         return dialect.both.join([timed, since, dialect.negated.format(self._recent(first, within, dialect))])
 
-    def _chain(self, word: Sequence[Letter], dialect: Syntax) -> str:
+    def _chain(self, word: Sequence[WordLetter], dialect: Syntax) -> str:
         """Return the formula that the last event of a word is now, and the others are before it."""
 
         def atom(name: str) -> str:
@@ -203,10 +203,11 @@ def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
             for event, some in leaves.items()
         }
 
-    def spelled(word: Sequence[tuple[tuple[str, ...], tuple[Without, ...]]]) -> tuple[Letter, ...]:
+    def spelled(word: Sequence[tuple[tuple[str, ...], tuple[Without, ...]]]) -> tuple[WordLetter, ...]:
         absent = gaps([clauses for _, clauses in word]) if semantics is not Semantics.STRICT else [[]] * len(word)
         letters = [
-            Letter(some, tuple(dict.fromkeys(map(_breaking, own)))) for (some, _), own in zip(word, absent, strict=True)
+            WordLetter(some, tuple(dict.fromkeys(map(_breaking, own))))
+            for (some, _), own in zip(word, absent, strict=True)
         ]
         for clause in dict.fromkeys(chain.from_iterable(clauses for _, clauses in word)):
             if clause.duration is not None:
@@ -224,7 +225,7 @@ def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
     if any(len(word) > _DEEPEST for word in words):
         raise NotExpressible(unwritten(f"Reelay aborts on formulas deeper than {_DEEPEST} events"))
     if not words:
-        return Chains(((_NEVER, "{ } when false"),), ((Letter((_NEVER,)),),), Semantics.SCATTERED)
+        return Chains(((_NEVER, "{ } when false"),), ((WordLetter((_NEVER,)),),), Semantics.SCATTERED)
     each = list(chain.from_iterable(words))
     definitions = dict.fromkeys(
         chain.from_iterable((*(one.some for one in each), *(one.names[len(one.some) :] for one in each)))
@@ -236,7 +237,7 @@ def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
     return Chains((*((name, one) for one, name in names.items()), *relevance), named, semantics, unit)
 
 
-def _either(letters: Sequence[Letter]) -> Letter:
+def _either(letters: Sequence[WordLetter]) -> WordLetter:
     """Return a letter for all of some that differ in the choice of propositions."""
     return letters[0]._replace(some=tuple(dict.fromkeys(chain.from_iterable(one.some for one in letters))))
 
@@ -262,7 +263,7 @@ def _breaking(clause: Without) -> str:
     return _definition(clause.pattern, [] if clause.guard is None else [clause.guard])
 
 
-def _add(letters: list[Letter], clause: Without, places: Sequence[int]) -> None:
+def _add(letters: list[WordLetter], clause: Without, places: Sequence[int]) -> None:
     """Add a clause with a duration to the letters at the places of its part."""
     assert clause.duration is not None
     one = (_breaking(clause), clause.duration)

@@ -1,10 +1,9 @@
 """The `rml` backend: the Runtime Monitoring Language of the published compiler and monitor."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 from backends.absences import refuse, without_vacuous
-from backends.rml.reader.deviations import touching
 from backends.rml.reader.event_types import observed
 from backends.rml.reader.monitor import formal, read
 from backends.rml.writer import translate
@@ -30,7 +29,6 @@ from rvaft.errors import NotExpressible, Reason, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Pattern
-from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
 from rvaft.monitors import Monitor
 
@@ -119,10 +117,6 @@ class RmlBackend(RmlCapabilities):
     ) -> tuple[Observed, ...] | None:
         """Return patterns and guards of a text's event types, or None if they have no such form."""
         return observed(text)
-
-    def masked(self, text: str, trace: Sequence[Json]) -> tuple[str, ...]:
-        """Return the titles of the deviations that the text and trace may show."""
-        return tuple(deviation.title for deviation in touching(text, trace))
 
 
 def _sayable(prop: Property, semantics: Semantics) -> Property:

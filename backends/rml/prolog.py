@@ -116,7 +116,7 @@ def _patterns(value: s.Parameter, variable: str) -> list[str]:
     def choices(part: s.Part, inside: list[list[str]]) -> list[str]:
         match part:
             case s.Fields(fields):
-                keys = [_quoted(name, "'") for name, _ in fields]
+                keys = [_prolog_text(name, "'") for name, _ in fields]
                 return [f"_{{{', '.join(map(':'.join, zip(keys, one, strict=True)))}}}" for one in product(*inside)]
             case s.Items((), more):
                 return ["[_|_]" if more else "[]"]
@@ -154,7 +154,7 @@ def _data(data: s.Data, variable: str) -> str:
 def _constant(value: Json) -> str:
     match value:
         case str():
-            return _quoted(value, '"')
+            return _prolog_text(value, '"')
         case bool() | None:
             return {True: "true", False: "false", None: "null"}[value]
         case float():
@@ -164,7 +164,7 @@ def _constant(value: Json) -> str:
             return str(number)
 
 
-def _quoted(text: str, quote: str) -> str:
+def _prolog_text(text: str, quote: str) -> str:
     special = {"\\": "\\\\", quote: f"\\{quote}", "\n": "\\n", "\t": "\\t", "\r": "\\r"}
     return quote + "".join(special.get(c, c if c.isprintable() else f"\\x{ord(c):x}\\") for c in text) + quote
 

@@ -42,7 +42,6 @@ class SqlBackend(Backend):
     remark: ClassVar[str] = "-- {}\n"
     remark_line: ClassVar[int] = 1
     dialect: ClassVar[str] = "sqlite"
-    tools: ClassVar[tuple[str, ...]] = ("duckdb",)
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
@@ -72,13 +71,6 @@ class SqlBackend(Backend):
 
     def _query(self, text: str) -> Query:
         return query(text, self.dialect)
-
-    def read_with(self, tool: str, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
-        """Return a monitor that runs a query in `duckdb`."""
-        if tool not in self.tools:
-            return super().read_with(tool, text, atoms=atoms)
-        compiled = query(text, tool)
-        return DetectionMonitor(compiled.first_detections, compiled.left_open)
 
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:
         """Return all matches per trace, or None if the rows of the query are not all matches."""
@@ -125,7 +117,6 @@ class SqlPostgresBackend(SqlBackend):
     form_of: ClassVar[str | None] = "sql"
     readable: ClassVar[bool] = False
     values: ClassVar[frozenset[Value]] = JSON_VALUES
-    tools: ClassVar[tuple[str, ...]] = ()
 
     def read(self, text: str, *, atoms: Mapping[str, Pattern] | None = None) -> Monitor:
         """Raise `OptionError`: there is no reader for PostgreSQL."""
@@ -151,7 +142,6 @@ class SqlTableBackend(SqlBackend):
 
     name: ClassVar[str] = "sql-table"
     form_of: ClassVar[str | None] = "sql"
-    tools: ClassVar[tuple[str, ...]] = ()
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = frozenset({Value.NUMBER, Value.BOOLEAN})
     relies: ClassVar[frozenset[Assumption]] = frozenset({Assumption.TYPES, Assumption.PRESENT, Assumption.EXACT})

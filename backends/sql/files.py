@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, Final, cast
 from backends.sql.connections import DuckDbConnection
 from backends.sql.dialects import identifier, literal
 from backends.tables import Path as Place
-from rvaft.core.classifier import Scope
+from rvaft.core.fields_to_read import Scope
 from rvaft.errors import TraceError
 from rvaft.model.nodes import ValueType
 from rvaft.model.values import EXACT_INTEGERS

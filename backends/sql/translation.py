@@ -26,7 +26,8 @@ from functools import cached_property
 from itertools import combinations
 from typing import Final, assert_never
 
-from backends.joins import COUNTED, LONGEST, JoinedScenario, joined_scenarios, variable_paths
+from backends.counted_leaves import LONGEST_WINDOW, single_rows
+from backends.joins import COUNTED, JoinedScenario, joined_scenarios, variable_paths
 from backends.sql.dialects import Dialect, Path
 from backends.sql.guards import FACETS, Guards, SqlTerm
 from backends.sql.rows import OWN, JsonRows, Rows, TableRows, renamed
@@ -142,7 +143,7 @@ class SqlQuery:
         many = any(one.counts for one in self.scenarios)
         counted = self.scenarios
         if semantics is Semantics.SCATTERED and not loose:
-            counted = tuple(one.counted(self.lateness) for one in self.scenarios)
+            counted = tuple(single_rows(one, self.lateness) for one in self.scenarios)
         self.counted = any(one.counts_of for one in counted) and not any(one.counts for one in counted)
         """Whether counted leaves are single rows."""
         self.first = minimal and not self.counted and ((several and loose) or many)
@@ -577,7 +578,7 @@ class SqlQuery:
         inside = clause.side is Side.DURING
         used = [event for event in one.before if inside or event not in part]
         apart = not any(compatible(clause.pattern, event.pattern) for event in used)
-        short = self._patience(clause) < LONGEST
+        short = self._patience(clause) < LONGEST_WINDOW
         return bool(self.dialect.nearest) and alone and apart and short and not (inside and len(part) == 1)
 
     def _extremes(
@@ -604,7 +605,7 @@ class SqlQuery:
 
     def _apart(self, later: str, sign: str, earlier: str, length: int) -> str:
         """Return the comparison of the difference of two times with a duration."""
-        if length < LONGEST:
+        if length < LONGEST_WINDOW:
             return f"{later} {sign} {earlier} + {self.guards.literal(length).whole}"
         return f"{later} - {earlier} {sign} {self.guards.literal(min(length, 2**63 - 1)).whole}"
 
@@ -628,7 +629,7 @@ class SqlQuery:
     def _near(self, one: QueriedScenario, guard: Guard, alias: Mapping[Event, str]) -> list[str]:
         """Return a window of few events as bounds of each pair, which a join can use."""
         members, length = one.windows.get(guard, (frozenset[Event](), 0))
-        if len(members) > _PAIRED or length >= LONGEST:
+        if len(members) > _PAIRED or length >= LONGEST_WINDOW:
             return []
         bound, rows = self.guards.literal(length).whole, [alias[event] for event in alias if event in members]
         return [f"{b}.time <= {a}.time + {bound} AND {a}.time <= {b}.time + {bound}" for a, b in combinations(rows, 2)]

@@ -21,7 +21,8 @@ from backends.sql.translation import SqlQuery
 from backends.tables import Path as Place
 from backends.tables import Table, column_types
 from rvaft.backend import SpecificationText
-from rvaft.core.classifier import Scope, literals_of
+from rvaft.core.fields_to_read import Scope
+from rvaft.core.pattern_index import literals_of
 from rvaft.core.property import Property
 from rvaft.errors import NotExpressible, RvaftError, ToolFailed, unwritten
 from rvaft.model.assumptions import AssumptionCheck, places, used_events

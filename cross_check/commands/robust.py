@@ -15,7 +15,7 @@ from cross_check.generate.disturbances import near_miss
 from cross_check.generate.traces import PLAIN, NoTraceFound, detecting
 from rvaft.cli import FAILED, FOUND, Failures, log_options, options, warn
 from rvaft.cli.monitor import limit_option
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.engine.monitor import Engine
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import match

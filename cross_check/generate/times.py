@@ -15,9 +15,8 @@ from random import Random
 from typing import Final, TypeAlias
 from zoneinfo import ZoneInfo
 
-from rvaft.core.feasibility import node_of
-from rvaft.core.property import Condition, Event, Part, Property, Source, Times, Within
-from rvaft.core.scenarios import Kept
+from rvaft.core.precedence import node_of
+from rvaft.core.property import Condition, Event, Kept, Part, Property, Source, Times, Within
 from rvaft.core.times import point_bounds
 from rvaft.model.event_time import UNITS, TextFormat, TimeFormat
 from rvaft.model.guards import (

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Final
 
 import rvaft
+from rvaft.export import Format
 from rvaft.export.drawing import draw
-from rvaft.export.formats import Format
 from rvaft.export.layout import Look
 
 FIGURES: Final[Mapping[str, tuple[str, Look]]] = {

@@ -33,14 +33,12 @@ from typing import Any, Final, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from backends.match_recognize import flink
-from backends.match_recognize.flink import RowHeader
-from backends.mfotl import monpoly
-from backends.mfotl.monpoly import MfotlHeader
-from backends.mtl import r2u2
+from backends.mfotl.predicates import MfotlHeader
 from cross_check.generate.times import SECOND, TODAY, timed
 from cross_check.generate.values import fitting, interesting_values
 from cross_check.participants import loaded
+from cross_check.published import flink, monpoly, r2u2
+from cross_check.published.flink import RowHeader
 from cross_check.results import DETECTIONS_ONLY, Status, raised, reason
 from rvaft.api import loads
 from rvaft.backend import Specification, all_backends, backend

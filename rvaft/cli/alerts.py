@@ -20,7 +20,7 @@ from rvaft.model.values import Json, finite
 from rvaft.monitors import Explanation
 from rvaft.stream.detection import detection
 from rvaft.stream.keys import Field
-from rvaft.stream.listeners import VerdictChange
+from rvaft.stream.verdict_change import VerdictChange
 from rvaft.support.terminal import readable_json, visible
 from rvaft.support.wording import did_you_mean
 

@@ -8,7 +8,7 @@ from typing import Any, BinaryIO, Final, cast
 import click
 
 from rvaft.cli import FAILED, FOUND, Failures, log_options, options, warn
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.monitors import DEFAULT_LIMIT
 from rvaft.readers.json_lines import JsonLinesReader

@@ -6,12 +6,11 @@ from typing import Any, Final, Protocol, runtime_checkable
 
 import click
 
-from rvaft.api import translate
-from rvaft.backend import Backend, UnknownBackend, all_backends, backend
+from rvaft.backend import Backend, Specification, UnknownBackend, all_backends, backend
 from rvaft.capabilities import table
 from rvaft.cli import options
 from rvaft.errors import OptionError, TooLarge, ToolFailed, ToolMissing
-from rvaft.export.formats import PICTURES, Format, format_of
+from rvaft.export import PICTURES, Format, format_of
 from rvaft.model.nodes import Kind, Node
 from rvaft.model.tree import RVAFT, resolve_semantics
 from rvaft.model.verdict import Semantics
@@ -88,17 +87,18 @@ def emit_command(
     options.refuse(_is_drawing(output), f"{language} is written as text, but {output} names a drawing: {mend}")
     with options.suggesting():
         try:
-            language = language if dialect is None else backend(language).dialect_backend(dialect)
             loaded = options.read_tree(tree)
-            specification = translate(loaded, language, **chosen)
+            writer = backend(language)
+            if dialect is not None:
+                writer = backend(writer.dialect_backend(dialect))
+            specification = _specification(loaded, writer, **chosen)
             text = specification.text
         except UnknownBackend as error:
             raise UnknownBackend(error.name, (*error.known, "dot")) from error
     if signature is not None:
-        signed = backend(language)
-        if not isinstance(signed, _WithSignature):
-            raise OptionError(f"{language} specifications have no signature: omit --signature")
-        deliver(signed.signature(text).encode(), signature)
+        if not isinstance(writer, _WithSignature):
+            raise OptionError(f"{writer.name} specifications have no signature: omit --signature")
+        deliver(writer.signature(text).encode(), signature)
     status, answer = 0, ""
     if certify:
         from rvaft.export.certificates import certificate, on_path  # noqa: PLC0415 -- imported on use
@@ -106,15 +106,30 @@ def emit_command(
         semantics = resolve_semantics(loaded, chosen["semantics"])
         program = on_path() if verified is None else Path(verified)
         chosen = {"branch": chosen["branch"], "kind": chosen["kind"]}
-        status, answer = certificate(loaded, backend(language), specification, semantics, program, **chosen)
+        status, answer = certificate(loaded, writer, specification, semantics, program, **chosen)
     if form == "latex":
         from rvaft.export.latex import listing  # noqa: PLC0415 -- imported on use
 
-        text = listing(text, backend(language).highlighting)
+        text = listing(text, writer.highlighting)
     deliver((text if text.endswith("\n") else f"{text}\n").encode(), output)
     if certify:
         click.echo(answer, err=True)
     return status
+
+
+def _specification(
+    tree: RVAFT,
+    writer: Backend,
+    *,
+    semantics: Semantics | None,
+    branch: int | None,
+    kind: Kind | None,
+    limit: int | None,
+    mapping: Mapping[str, Any] | None,
+) -> Specification:
+    if mapping is not None:
+        writer = writer.mapped(mapping)
+    return writer.translate(valid_part(tree, branch, kind), resolve_semantics(tree, semantics), limit=limit)
 
 
 def _is_drawing(output: str | None) -> bool:

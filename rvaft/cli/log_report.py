@@ -15,10 +15,10 @@ from rvaft.model.nodes import Kind
 from rvaft.reports.index import INDEX, Row, index_page, page_names
 from rvaft.reports.log_report import LATEST, PLACES, LogReport, Messages
 from rvaft.rules.validity import valid_part
-from rvaft.stream.detection import Hooks
-from rvaft.stream.listeners import MonitoredTrace
+from rvaft.stream.detection_commands import Hooks
 from rvaft.stream.monitor_set import Per
 from rvaft.stream.plan import Totals
+from rvaft.stream.verdict_change import MonitoredTrace
 from rvaft.support.files import deliver, place, require_folder
 
 _OUTPUT: Final = "Write the page to this file instead of standard output, or the pages of several trees to this folder."

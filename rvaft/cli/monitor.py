@@ -18,7 +18,7 @@ from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.engine.monitor import Engine, repeating_engine
 from rvaft.errors import NotExpressible, TooLarge, ToolMissing
-from rvaft.export.formats import PICTURES
+from rvaft.export import PICTURES
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
@@ -31,12 +31,12 @@ from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
 from rvaft.rules.validity import valid_part
 from rvaft.stream.checkpoint import EVERY, CheckpointFile
-from rvaft.stream.detection import Hooks
+from rvaft.stream.detection_commands import Hooks
 from rvaft.stream.keys import MAX_DISTINCT, MAX_KEYS, Field, Key
-from rvaft.stream.listeners import publisher_class
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import DEFAULT_WINDOW
 from rvaft.stream.plan import MonitoringPlan
+from rvaft.stream.publishers import publisher_class
 from rvaft.stream.whole_log import QueryEngine, engine_class
 from rvaft.support import output
 from rvaft.support.files import note_input, require_target

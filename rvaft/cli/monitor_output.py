@@ -17,14 +17,16 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Ended, Explanation
 from rvaft.stream import detection
 from rvaft.stream.checkpoint import CheckpointFile
-from rvaft.stream.detection import Hooks, counted
-from rvaft.stream.listeners import Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.detection_commands import Hooks
+from rvaft.stream.listeners import Listener
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import OTHERS, Statistics
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.stream.whole_log import QueryEngine
 from rvaft.support.terminal import ProgressBar, columns, cut, readable_json, takes_colour, visible
+from rvaft.support.wording import counted
 
 if TYPE_CHECKING:
     from rvaft.cli.native_run import NativeRun

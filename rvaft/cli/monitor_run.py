@@ -20,7 +20,7 @@ from rvaft.cli import FAILED, FOUND
 from rvaft.cli.alerts import ALL_REPORTERS
 from rvaft.cli.monitor_output import WIDE, MonitorSettings, Reporter, Sink, SummaryRow, finish_together, read_afresh
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
-from rvaft.export.formats import PICTURES
+from rvaft.export import PICTURES
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import LIVE, Explanation
@@ -29,14 +29,17 @@ from rvaft.readers.log import Live, Log, LogReader, LogSource, open_log, source_
 from rvaft.stream import pipeline, sources, whole_log
 from rvaft.stream.checkpoint import CheckpointFile, open_at
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.detection import UNSTARTED, counted, detection
+from rvaft.stream.detection import detection
+from rvaft.stream.detection_commands import UNSTARTED
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.follow import FollowedFile, stopping
-from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.listeners import Listener
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import StateBeside, TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.sources import Source, reading_of
 from rvaft.stream.statistics import Statistics
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.stream.whole_log import Declined, LogAnswer
 from rvaft.support.collector import rare_collections
 from rvaft.support.files import SUFFIXES as COMPRESSED
@@ -44,6 +47,7 @@ from rvaft.support.files import deliver
 from rvaft.support.output import STOP
 from rvaft.support.processes import Killed, in_processes
 from rvaft.support.terminal import ProgressBar
+from rvaft.support.wording import counted
 
 SUFFIXES: Final = (".svg", ".dot", ".gv", ".pdf", ".png", ".txt")
 _OFTEN: Final = 1_000

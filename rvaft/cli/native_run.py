@@ -20,8 +20,9 @@ import msgspec
 from rvaft.api import monitor
 from rvaft.backend import Specification, backend
 from rvaft.cli import warn
-from rvaft.core.classifier import Scope, TreeReads
-from rvaft.core.passes import followed, property_of
+from rvaft.core.engine_form import followed
+from rvaft.core.fields_to_read import Scope, TreeReads
+from rvaft.core.restriction import property_of
 from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.strategy import Strategy
 from rvaft.errors import NotExpressible, OptionError, RvaftError, TooLarge, ToolFailed, TraceError
@@ -34,8 +35,8 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation, Pending, twin
 from rvaft.readers.json_lines import decode, event_on
 from rvaft.readers.log import BOM, LogReader
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.keys import Key, KeyedTraces
-from rvaft.stream.listeners import EventBuffer
 from rvaft.stream.plan import TIME, MonitoringPlan
 from rvaft.stream.run import TraceRun
 from rvaft.stream.whole_log import Declined, EventCount, LogAnswer, Place, QueryEngine

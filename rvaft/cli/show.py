@@ -13,10 +13,10 @@ import click
 from rvaft.api import monitor
 from rvaft.cli import options, warn
 from rvaft.core.branches import Branch, branches
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError
+from rvaft.export import SUFFIXES, Format, format_of
 from rvaft.export.drawing import draw
-from rvaft.export.formats import SUFFIXES, Format, format_of
 from rvaft.export.galileo_text import losses
 from rvaft.export.layout import NARROWEST, WIDTH, Look, Marks, branch_marks, marks
 from rvaft.export.property_text import WIDTH as LATEX_WIDTH
@@ -24,9 +24,10 @@ from rvaft.export.property_text import align_latex, kinds_of, property_sign, pro
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.readers.registry import read_log
-from rvaft.stream.detection import counted, matched_events
+from rvaft.stream.detection import matched_events
 from rvaft.support.files import deliver
 from rvaft.support.terminal import visible
+from rvaft.support.wording import counted
 
 _FORMAT: Final = "Output format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz."
 _EVENTS: Final = "Show runtime events and guards below labels; by default only in the terminal."

@@ -17,7 +17,7 @@ import msgspec
 from rvaft.api import monitor
 from rvaft.cli import FAILED, FOUND, Failures, options, warn
 from rvaft.core.branches import branches
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError, TreeError
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json

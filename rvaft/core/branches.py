@@ -1,4 +1,4 @@
-"""Branches of a tree, their numbers, and restriction to a branch or a kind (semantics, section 2).
+"""Branches of a tree and their numbers (semantics, section 2).
 
 The digits of a branch are the choices of the `or` gates in breadth-first order, the first varying
 fastest; a gate outside the branch has digit 0. Enumeration is lazy and has no dead ends: a digit
@@ -7,18 +7,18 @@ above 0 requires that its gate is reached, and this is propagated.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import islice
-from typing import Final, NamedTuple, TypeAlias, cast
+from typing import Final, NamedTuple, cast
 
 from rvaft.core.build import build
 from rvaft.core.property import One
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.nodes import Kind, Node
-from rvaft.model.tree import RVAFT, Whole, reachable
+from rvaft.model.tree import RVAFT, reachable
 from rvaft.support.bits import bits, union
-from rvaft.support.plugins import plugin
+from rvaft.support.plugins import display
 
 DEFAULT_LIMIT = 20_000
 _MOST: Final = 10**9
@@ -55,7 +55,7 @@ class Branch:
     @cached_property
     def formula(self) -> str:
         """The property as text: `;` sequence, `&` any order, `|` choice, conditions in brackets."""
-        return cast("str", plugin("rvaft.displays", "branch")(self))
+        return cast("str", display("branch")(self))
 
     def children(self, name: str) -> tuple[str, ...]:
         """Return the children of a node that the branch keeps."""
@@ -319,141 +319,3 @@ def _shortest(ways: Iterable[_Digits], name: str) -> list[_Digits]:
         if not any(part.bits & way.bits == part.bits for part in least):
             least.append(way)
     return least
-
-
-# Restriction to one branch or one kind (semantics, sections 2 and 3).
-#
-# A branch is a sub-DAG, a kind a union of sub-DAGs. The union may have more branches than the kind;
-# only the property (`rvaft.core.passes.property_of`) has exactly those of the kind.
-
-COPIES: Final = 1_000
-"""The maximum number of sub-DAGs for a kind."""
-
-Allowed: TypeAlias = Mapping[str, frozenset[str]]
-"""For some `or` gates, the children that they may keep."""
-
-_numbered = branch
-
-
-def restrict(tree: RVAFT, *, branch: int | None = None, kind: Kind | str | None = None, limit: int = COPIES) -> RVAFT:
-    """Return the tree restricted to one branch, or to the branches of one kind.
-
-    Raises `TreeError` if there is none, and `TooLarge` if a kind needs more than `limit` sub-DAGs.
-    """
-    kind = None if kind is None else Kind(kind)
-    if branch is not None:
-        chosen = _numbered(tree, branch)
-        if kind is not None and kind not in chosen.kinds:
-            raise TreeError(f"branch {branch} does not have the kind {kind}", rule="no-branch")
-        ways: list[Allowed] = [{gate: frozenset([child]) for gate, child in chosen.choices.items()}]
-    elif kind is None:
-        return tree
-    else:
-        ways = ways_to_kind(tree, kind, limit)
-        if not ways:
-            raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[tree.root])
-    return _part(tree, ways, Whole(tree, branch, kind))
-
-
-def alternatives(tree: RVAFT) -> tuple[RVAFT, ...]:
-    """Return the sub-DAGs of a tree restricted to a kind; for any other tree, the tree itself.
-
-    >>> import rvaft
-    >>> tree = rvaft.loads("top and p q; p or f a; q or x b; f fault; x fault;")
-    >>> [one.nodes["p"].children for one in alternatives(restrict(tree, kind="fault"))]
-    [('f',), ('f', 'a')]
-    """
-    if tree.part_of is None or tree.part_of.kind is None or tree.part_of.branch is not None:
-        return (tree,)
-    whole = tree.part_of.tree
-    return tuple(_part(whole, [allowed], tree.part_of) for allowed in ways_to_kind(whole, tree.part_of.kind))
-
-
-def _part(tree: RVAFT, ways: Iterable[Allowed], part_of: Whole) -> RVAFT:
-    kept: dict[str, set[str]] = {}
-    for allowed in ways:
-
-        def below(name: str, allowed: Allowed = allowed) -> tuple[str, ...]:
-            children = tree.nodes[name].children
-            return tuple(child for child in children if child in allowed[name]) if name in allowed else children
-
-        for name in reachable(tree.root, below):
-            kept.setdefault(name, set()).update(below(name))
-    nodes = (tree.nodes[name] for name in kept)
-    parts = [
-        replace(node, children=tuple(child for child in node.children if child in kept[node.name])) for node in nodes
-    ]
-    return tree.changed(nodes=parts, part_of=part_of)
-
-
-def ways_to_kind(tree: RVAFT, kind: Kind, limit: int = COPIES) -> list[Allowed]:
-    """Return sub-DAGs that together have exactly the branches of the kind."""
-    choosing = frozenset(or_gates(tree))
-    rank = {name: index for index, name in enumerate(tree.order)}
-    above = {tree.root: tree.root}  # immediate dominators
-    for name in tree.order[1:]:
-        meeting = set(tree.parents(name))
-        while len(meeting) > 1:
-            lowest = max(meeting, key=rank.__getitem__)
-            meeting = meeting - {lowest} | {above[lowest]}
-        (above[name],) = meeting
-    ways: dict[str, list[Allowed]] = {}
-    for node in tree.bottom_up():
-        if node.kind is kind:
-            ways[node.name] = [{}]
-        elif node.name in choosing:
-            ways[node.name] = _through_or(tree, node, ways, above)
-        else:
-            ways[node.name] = _distinct(way for child in node.children for way in ways[child])
-        if len(ways[node.name]) > limit:
-            raise TooLarge(f"ways to have the kind {kind} below {node.name}", limit=limit)
-    return ways[tree.root]
-
-
-def _through_or(tree: RVAFT, node: Node, ways: Mapping[str, list[Allowed]], above: Mapping[str, str]) -> list[Allowed]:
-    """Return the ways of all children, merged if they constrain only gates dominated by their
-    child.
-    """
-
-    def dominates(child: str, gate: str) -> bool:
-        while gate not in (child, tree.root):
-            gate = above[gate]
-        return gate == child
-
-    merged: dict[str, frozenset[str]] = {}
-    together: set[str] = set()
-    apart: list[Allowed] = []
-    for child in node.children:
-        owned = tree.parents(child) == (node.name,)
-        if len(ways[child]) == 1 and all(owned and dominates(child, gate) for gate in ways[child][0]):
-            together.add(child)
-            merged.update(ways[child][0])
-        else:
-            apart.extend({**way, node.name: frozenset([child])} for way in ways[child])
-    if together:
-        apart.append({**merged, node.name: frozenset(together)})
-    # Merge ways that differ only in the children of the node; drop a constraint that allows all.
-    joined: dict[frozenset[tuple[str, frozenset[str]]], frozenset[str]] = {}
-    for way in apart:
-        rest = frozenset(item for item in way.items() if item[0] != node.name)
-        joined[rest] = joined.get(rest, frozenset()) | way[node.name]
-    everything = set(node.children)
-    return _distinct(
-        {**dict(rest), **({} if kept == everything else {node.name: kept})} for rest, kept in joined.items()
-    )
-
-
-def whole(tree: RVAFT) -> RVAFT:
-    """Return the tree before restriction."""
-    return tree if tree.part_of is None else tree.part_of.tree
-
-
-def _distinct(ways: Iterable[Allowed]) -> list[Allowed]:
-    """Return the ways without duplicates; an unconstrained way replaces all others."""
-    found: list[Allowed] = []
-    for way in ways:
-        if not way:
-            return [way]
-        if way not in found:
-            found.append(way)
-    return found

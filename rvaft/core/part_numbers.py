@@ -6,7 +6,6 @@ Passes must first remove windows, counted events and ends in order.
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, combinations
 from typing import Final, TypeVar, assert_never
 
 from rvaft.core.property import (
@@ -25,6 +24,7 @@ from rvaft.core.property import (
     Within,
     Without,
     fewest,
+    kept_ways,
 )
 from rvaft.model.guards import Guard
 from rvaft.support.bits import union
@@ -176,7 +176,6 @@ def divided(
         if isinstance(found, int):
             part = candidate.parts[found]
             most = len(part.parts) if at_least and part.op is PartKind.AT_LEAST else part.need
-            ways = chain.from_iterable(map(partial(combinations, part.parts), range(part.need, most + 1)))
-            waiting.append(map(partial(candidate.resolve, found), ways))
+            waiting.append(map(partial(candidate.resolve, found), kept_ways(part.parts, part.need, most)))
         else:
             yield candidate, found

@@ -10,8 +10,7 @@ from itertools import count, product
 from math import prod
 from typing import Final, assert_never
 
-from rvaft.core.branches import Branch, branch, ways_to_kind
-from rvaft.core.build import build
+from rvaft.core.precedence import later_events
 from rvaft.core.property import (
     IMPOSSIBLE,
     NOTHING,
@@ -20,6 +19,7 @@ from rvaft.core.property import (
     Condition,
     EndInOrder,
     Event,
+    Kept,
     One,
     Part,
     Property,
@@ -32,24 +32,14 @@ from rvaft.core.property import (
     parts_below,
     with_parts,
 )
-from rvaft.core.scenarios import Kept, is_constant, is_empty, most_events, resolutions
+from rvaft.core.restriction import allowing, singly
+from rvaft.core.scenarios import is_constant, is_empty, most_events, resolutions
 from rvaft.core.times import timed
-from rvaft.errors import TooLarge, TreeError
+from rvaft.errors import TooLarge
 from rvaft.model import patterns
-from rvaft.model.guards import (
-    Duration,
-    Guard,
-    Operation,
-    Operator,
-    TimePoint,
-    holds,
-    renamed,
-    substitute,
-    time_points,
-)
-from rvaft.model.nodes import Kind
+from rvaft.model.guards import Duration, Guard, Operation, Operator, TimePoint, holds, renamed, substitute, time_points
 from rvaft.model.patterns import Literal, Pattern, Variable
-from rvaft.model.tree import RVAFT, shown_name
+from rvaft.model.tree import shown_name
 
 LIMIT: Final = 5_000
 """The default maximum number of alternatives that a pass makes."""
@@ -70,70 +60,6 @@ class Pass:
     def __call__(self, prop: Property, limit: int = LIMIT) -> Property:
         """Return the property without these constructs; raises `TooLarge` beyond the limit."""
         return self.run(prop, limit)
-
-
-def restrict(prop: Property, *, branch_number: int | None = None, kind: Kind | str | None = None) -> Property:
-    """Return the property restricted to one branch or kind, with the alphabet of the tree.
-
-    Raises `TreeError` if there is none, and `TooLarge` if a kind needs too many alternatives.
-    """
-    kind = None if kind is None else Kind(kind)
-    if branch_number is not None:
-        selected = branch(prop.tree, branch_number)
-        if kind is not None and kind not in selected.kinds:
-            raise TreeError(f"branch {branch_number} does not have the kind {kind}", rule="no-branch")
-        return of_branch(replace(prop, kind=kind), selected)
-    if kind is None:
-        return prop
-    ways = ways_to_kind(prop.tree, kind)
-    if not ways:
-        raise TreeError(f"no branch has the kind {kind}", rule="no-branch", nodes=[prop.tree.root])
-    prop = replace(prop, kind=kind)
-    if len(ways) == 1:
-        return _allowing(prop, ways[0], 0)
-    copies = [_allowing(prop, way, number) for number, way in enumerate(ways, 1)]
-    wholes = {source: whole for copy in copies for source, whole in copy.wholes.items()}
-    return replace(prop, root=One(None, tuple(dict.fromkeys(copy.root for copy in copies))), wholes=wholes)
-
-
-def of_branch(prop: Property, selected: Branch) -> Property:
-    """Return the property restricted to one branch of its tree."""
-    return _allowing(replace(prop, branch=selected.number), _singly(selected.choices), 0)
-
-
-def _singly(choices: Mapping[str, str]) -> dict[str, frozenset[str]]:
-    return {gate: frozenset([child]) for gate, child in choices.items()}
-
-
-def _allowing(prop: Property, allowed: Mapping[str, frozenset[str]], copy: int) -> Property:
-    """Return the property with restricted choices and its time points numbered `copy`."""
-
-    def kept(part: Part) -> tuple[Part, ...]:
-        if not (isinstance(part, One) and part.source is not None and part.source.node in allowed):
-            return part.parts
-        chosen = allowed[part.source.node]
-        return tuple(one for one in part.parts if one.source is not None and one.source.node in chosen)
-
-    def change(part: Part, parts: tuple[Part, ...]) -> Part:
-        match part:
-            case One(source=Source(node, _)) if node in allowed:
-                return One(part.source, parts)
-            case Condition(guard=guard) if copy:
-                points = [point for point in time_points(guard) if point.point != "at"]
-                copied = {point.name: TimePoint.of(point.point, point.node, copy) for point in points}
-                return replace(part, guard=substitute(guard, copied), written=part.written or guard)
-            case Within() if copy:
-                return Within(Source(part.source.node, copy), parts, part.duration)
-            case _:
-                return with_parts(part, parts)
-
-    made: dict[Part, Part] = {}
-    wholes: dict[Source, Part] = {}
-    for part in parts_below(prop.root, kept):
-        made[part] = change(part, tuple(made[one] for one in kept(part)))
-        if part.source is not None and prop.wholes.get(whole := Source(part.source.node)) is part:
-            wholes[whole._replace(number=copy)] = made[part]
-    return replace(prop, root=made[prop.root], wholes=wholes)
 
 
 def _expand_times(prop: Property, _: int) -> Property:
@@ -204,7 +130,7 @@ points.
 """
 
 
-class _Open(Exception):
+class OpenChoice(Exception):
     """The result depends on an open choice."""
 
 
@@ -226,10 +152,11 @@ def chosen(prop: Property, limit: int = LIMIT) -> Iterator[Property]:
         yield replace(prop, wholes=wholes).rewritten(change)
 
 
-def _by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iterator[Property]]) -> Property:
+def by_choices(prop: Property, limit: int, made: Callable[[Property, int], Iterator[Property]]) -> Property:
+    """Return the feasible alternatives that `made` gives for each way to make the choices."""
     found: dict[Part, Property] = {}
     for each in chosen(prop, limit):
-        with suppress(_Open):  # a time point of an absent node: no such scenario is feasible
+        with suppress(OpenChoice):  # a time point of an absent node: no such scenario is feasible
             for alternative in made(each, limit - len(found)):
                 if not is_empty(alternative):
                     found[alternative.root] = alternative
@@ -271,39 +198,18 @@ class _Ends:
     def last(self, part: Part) -> tuple[Event, ...]:
         """Return the possible last events of a part; none if the precedence among them is cyclic.
 
-        Raises `_Open` if they depend on choices.
+        Raises `OpenChoice` if they depend on choices.
         """
         lasts = self._lasts[part]
         if part in self._open:
-            raise _Open
+            raise OpenChoice
         if len(lasts) < 2 or not self._shared:
             return lasts
-        later = _successors(part)
+        later = later_events(part)
         return tuple(event for event in lasts if later[event].isdisjoint(set(lasts) - {event}))
 
 
-def _successors(root: Part) -> dict[Event, set[Event]]:
-    """Return, for each event below a part without choices, the later events by its sequences."""
-    inside: dict[Part, set[Event]] = {}
-    after: dict[Event, set[Event]] = {}
-    for part in parts_below(root):
-        inside[part] = {part} if isinstance(part, Event) else set().union(*(inside[inner] for inner in part.parts))
-        if isinstance(part, Event):
-            after[part] = set()
-        if isinstance(part, Sequence):
-            for number, inner in enumerate(part.parts):
-                for event in inside[inner]:
-                    after[event].update(*(inside[other] for other in part.parts[number + 1 :]))
-    for found in after.values():
-        agenda = list(found)
-        while agenda:
-            new = after[agenda.pop()] - found
-            found.update(new)
-            agenda += new
-    return after
-
-
-def _with_ends(
+def with_ends(
     prop: Property, chosen_ends: Mapping[tuple[Event, ...], Event] | None, *, only_single: bool = False
 ) -> Property:
     """Return the property with ends in order as sequences, if `only_single` those over single events."""
@@ -327,7 +233,7 @@ def _with_ends(
             if not lasts:
                 return IMPOSSIBLE
             if len(lasts) > 1 and chosen_ends is None:
-                raise _Open
+                raise OpenChoice
             last = lasts[0] if chosen_ends is None or len(lasts) == 1 else chosen_ends[lasts]
             ended.append(last)
             more += [Sequence(None, (other, last)) for other in lasts if other is not last]
@@ -343,8 +249,8 @@ def _order_ends(prop: Property, limit: int) -> Property:
         return prop
     prop = expand_times(prop)
     try:
-        return _with_ends(prop, None)
-    except _Open:
+        return with_ends(prop, None)
+    except OpenChoice:
         pass
 
     def made(each: Property, left: int) -> Iterator[Property]:
@@ -356,9 +262,9 @@ def _order_ends(prop: Property, limit: int) -> Property:
         if prod(map(len, ways)) > left:
             raise TooLarge("ways to make the choices and to end the parts of `pand` gates", limit=limit)
         for last in product(*ways):
-            yield _with_guards(_with_ends(each, dict(zip(ways, last, strict=True))), windows=False)
+            yield with_guards(with_ends(each, dict(zip(ways, last, strict=True))), windows=False)
 
-    return _by_choices(prop, limit, made)
+    return by_choices(prop, limit, made)
 
 
 order_ends: Final = Pass("order_ends", frozenset({EndInOrder}), _order_ends)
@@ -373,9 +279,9 @@ def _windows_to_guards(prop: Property, limit: int) -> Property:
         return prop
     prop = _windows_of_alternatives(order_ends(expand_times(prop), limit))
     try:
-        return _with_guards(prop)
-    except _Open:
-        return _by_choices(prop, limit, lambda each, _: iter([_with_guards(each)]))
+        return with_guards(prop)
+    except OpenChoice:
+        return by_choices(prop, limit, lambda each, _: iter([with_guards(each)]))
 
 
 def _windows_of_alternatives(prop: Property) -> Property:
@@ -404,10 +310,10 @@ def _windows_of_alternatives(prop: Property) -> Property:
     return prop.rewritten(change)
 
 
-def _with_guards(
+def with_guards(
     prop: Property, *, windows: bool = True, only_fixed: bool = False, open_points: bool = False
 ) -> Property:
-    """Return the property without `start` and `end`, with `windows` as guards; raises `_Open`.
+    """Return the property without `start` and `end`, with `windows` as guards; raises `OpenChoice`.
 
     If `only_fixed`, windows over choices stay; with `open_points`, so do time points of parts with choices
     in which no part is shared.
@@ -420,7 +326,7 @@ def _with_guards(
             return TimePoint.of("at", time_point.node, max(time_point.number, 1))
         whole = prop.wholes.get(Source(time_point.node, time_point.number))
         if whole is None:  # no scenario of this property has the node
-            raise _Open
+            raise OpenChoice
         if whole not in below:
             below[whole] = parts_below(whole)
         if open_points and any(map(chooses, below[whole])) and prop.shared.isdisjoint(below[whole]):
@@ -431,7 +337,7 @@ def _with_guards(
         if whole not in below:
             below[whole] = parts_below(whole)
         if any(map(chooses, below[whole])):
-            raise _Open
+            raise OpenChoice
         found = (part.source for part in below[whole] if isinstance(part, Event))
         events = sorted(found, key=lambda source: (rank[source.node], source.number))
         if not events:  # undefined
@@ -547,7 +453,7 @@ simplify: Final = Pass("simplify", frozenset(), _simplify)
 
 def with_choices(prop: Property, choices: Mapping[str, str]) -> Property:
     """Return the simplified property with these choices; impossible if they conflict."""
-    return simplify(_allowing(prop, _singly(choices), 0))
+    return simplify(allowing(prop, singly(choices)))
 
 
 def _flatten(prop: Property, _: int) -> Property:
@@ -582,77 +488,3 @@ flatten: Final = Pass("flatten", frozenset(), _flatten)
 def reduced(prop: Property, limit: int = LIMIT) -> Property:
     """Return the property as events, guards over events, sequences and choices."""
     return simplify(windows_to_guards(order_ends(expand_times(prop), limit), limit))
-
-
-def followed(prop: Property, limit: int = LIMIT, *, points: bool = True) -> Property:
-    """Return the property that the engine follows.
-
-    Windows over choices stay, ends in order outside of shared parts, and, with `points`, the `start` and
-    `end` of a part with choices in which no part is shared. Each alternative is `reduced` if it has
-    another such construct. Raises `TreeError` if no alternative is left.
-    """
-    roots: dict[Part, None] = {}
-    for alternative in expand_times(prop).alternatives:
-        with suppress(_Open):
-            made = _followed(alternative, limit, points=points)
-            if any(map(_has_shared_absence, made.alternatives)):
-                made = _by_choices(alternative, limit, lambda each, left: iter(reduced(each, left).alternatives))
-            roots.update(dict.fromkeys(one.root for one in made.alternatives))
-    found = tuple(root for root in roots if root is not IMPOSSIBLE)
-    if not found:  # where `rvaft.rules` does not decide it within its limit
-        raise TreeError("the tree has no feasible scenario", rule="no-scenario", nodes=[prop.tree.root])
-    return prop.with_root(found[0] if len(found) == 1 else One(None, found))
-
-
-def _followed(prop: Property, limit: int, *, points: bool) -> Property:
-    made = prop
-    if any(isinstance(part, EndInOrder) for part in prop.parts):
-        try:
-            made = _with_ends(prop, None)
-        except _Open:
-            made = _with_ends(prop, None, only_single=True)
-            if _shares_below_ends(made):
-                return reduced(prop, limit)
-    try:
-        return _below_shared_parts(simplify(_with_guards(made, only_fixed=True, open_points=points)))
-    except _Open:
-        return reduced(prop, limit)
-
-
-def _below_shared_parts(prop: Property) -> Property:
-    """Return the property with each shared `pand` gate as the only subpart of a shared part.
-
-    So the gate itself is in no shared part, and its parts may end in any order that it allows.
-    """
-    shared = prop.shared
-    ends = {part.source for part in prop.parts if isinstance(part, EndInOrder)}
-
-    def change(part: Part, parts: tuple[Part, ...]) -> Part:
-        new = with_parts(part, parts)
-        return All(part.source, (new,)) if part in shared and part.source in ends else new
-
-    return prop.rewritten(change) if ends else prop
-
-
-def _has_shared_absence(prop: Property) -> bool:
-    """Whether the part of an absent event has shared parts, while scenarios differ."""
-    shared = (part for part in prop.absences if not prop.shared.isdisjoint(parts_below(part.parts[0])))
-    return any(True for _ in shared) and any(map(chooses, prop.parts))
-
-
-def _shares_below_ends(prop: Property) -> bool:
-    shared = set(prop.shared)
-    for part in prop.parts:
-        if any(inner in shared for inner in part.parts):
-            shared.add(part)
-            if isinstance(part, EndInOrder):
-                return True
-    return False
-
-
-def property_of(tree: RVAFT) -> Property:
-    """Return the property of a tree, or of the branch or kind of a restricted tree."""
-    if tree.part_of is None:
-        return replace(build(tree), requested=tree)
-    prop = restrict(build(tree.part_of.tree), branch_number=tree.part_of.branch, kind=tree.part_of.kind)
-    return replace(prop, requested=tree)

@@ -4,11 +4,13 @@ Parts form a DAG: a shared part is observed and resolved once. Parts are hash-co
 equal content are the same object and are compared by identity.
 """
 
+from collections import abc
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import cached_property
-from typing import Any, Final, NamedTuple, Self, TypeAlias, assert_never
+from itertools import chain, combinations
+from typing import Any, Final, NamedTuple, Self, TypeAlias, TypeVar, assert_never
 from weakref import WeakValueDictionary
 
 from rvaft.errors import OptionError
@@ -20,6 +22,8 @@ from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT, sorted_topologically
 from rvaft.model.verdict import Semantics
 from rvaft.support.wording import did_you_mean
+
+T = TypeVar("T")
 
 
 class Source(NamedTuple):
@@ -183,6 +187,8 @@ class Without(_Part):
 
 Part: TypeAlias = Event | Times | Condition | All | Sequence | One | AtLeast | EndInOrder | Within | Without
 """A `match` over the parts ends in `assert_never`."""
+Kept: TypeAlias = Mapping[Part, tuple[Part, ...]]
+"""The parts of a scenario, each with the direct subparts that it keeps, in tree order."""
 
 PARTS: Final[tuple[type[Part], ...]] = (
     Event,
@@ -222,6 +228,11 @@ def fewest(part: Part) -> int:
             return need
         case _:
             return len(part.parts)
+
+
+def kept_ways(options: abc.Sequence[T], least: int, most: int) -> Iterator[tuple[T, ...]]:
+    """Iterate over the ways to keep from `least` to `most` of some options, fewer ones first."""
+    return chain.from_iterable(combinations(options, size) for size in range(least, most + 1))
 
 
 def _all_parts(part: Part) -> tuple[Part, ...]:

@@ -1,17 +1,17 @@
 """Enumeration of the scenarios of a property (semantics, section 2)."""
 
-from collections import abc
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import chain, combinations
-from typing import Final, TypeAlias, assert_never
+from typing import Final, assert_never
 
+from rvaft.core.precedence import event_order
 from rvaft.core.property import (
     All,
     AtLeast,
     Condition,
     EndInOrder,
     Event,
+    Kept,
     One,
     Part,
     Property,
@@ -21,14 +21,12 @@ from rvaft.core.property import (
     Without,
     chooses,
     fewest,
+    kept_ways,
     parts_below,
 )
 from rvaft.errors import TooLarge
 from rvaft.model.guards import holds, variables
 from rvaft.support.bits import bits
-
-Kept: TypeAlias = Mapping[Part, tuple[Part, ...]]
-"""The parts of a scenario, each with the direct subparts that it keeps, in tree order."""
 
 LIMIT: Final = 5_000
 """The default maximum number of scenarios."""
@@ -99,7 +97,7 @@ def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) ->
         options = [part for part in gate.parts if part in possible]
         least = fewest(gate)
         most = least if minimal or isinstance(gate, One) else len(options)
-        for kept in chain.from_iterable(combinations(options, size) for size in range(least, most + 1)):
+        for kept in kept_ways(options, least, most):
             now = reached
             for part in kept:
                 now |= surely[part]
@@ -146,92 +144,6 @@ class Scenario:
         return tuple((part, self.events_below(part)) for part in self.kept if isinstance(part, Without))
 
 
-def precedence(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
-    """Return the events of kept parts and, for each, the earlier events as bits; None if cyclic.
-
-    The parts have no `Times` and `EndInOrder`.
-    """
-    events = tuple(part for part in kept if isinstance(part, Event))
-    place = {event: number for number, event in enumerate(events)}
-    inside: dict[Part, int] = {}
-    before = [0] * len(events)
-    for part in reversed(list(kept)):
-        match part:
-            case Event():
-                inside[part] = 1 << place[part]
-                continue
-            case Times() | EndInOrder():
-                raise AssertionError("a pass removes these before scenarios are enumerated")
-            case Sequence():
-                previous = 0  # with the parts before it, by transitivity
-                for subpart in kept[part]:
-                    for event in bits(inside[subpart]):
-                        before[event] |= previous
-                    previous = inside[subpart] or previous
-            case Condition() | All() | One() | AtLeast() | Within() | Without():
-                pass
-            case _:
-                assert_never(part)
-        found = 0
-        for subpart in kept[part]:
-            found |= inside[subpart]
-        inside[part] = found
-    closed = transitive(before)
-    return None if closed is None else (events, closed)
-
-
-def transitive(before: list[int]) -> tuple[int, ...] | None:
-    """Return the transitive closure of the predecessors of each event, or None if cyclic."""
-    waiting = [mask.bit_count() for mask in before]
-    after: list[list[int]] = [[] for _ in before]
-    for event, earlier in enumerate(before):
-        for predecessor in bits(earlier):
-            after[predecessor].append(event)
-    ready = [event for event, count in enumerate(waiting) if not count]
-    closed = list(before)
-    for event in ready:
-        for later in after[event]:
-            closed[later] |= closed[event] | 1 << event
-            waiting[later] -= 1
-            if not waiting[later]:
-                ready.append(later)
-    return tuple(closed) if len(ready) == len(before) else None
-
-
-class Ready:
-    """Which of some events may come next; `before` has the predecessors of each, as bits.
-
-    >>> Ready([0, 0b1, 0b1]).after(0b1)
-    [1, 2]
-    """
-
-    def __init__(self, before: abc.Sequence[int]) -> None:
-        self._before = before
-        self._events = [0] * (len(before) + 1)
-        """For each number of earlier events, the events with at most so many predecessors."""
-        for event, earlier in enumerate(before):
-            self._events[earlier.bit_count()] |= 1 << event
-        for count in range(1, len(self._events)):
-            self._events[count] |= self._events[count - 1]
-
-    def after(self, done: int) -> list[int]:
-        """Return the events, in order, whose predecessors are done."""
-        return [event for event in bits(self._events[done.bit_count()] & ~done) if not self._before[event] & ~done]
-
-
-def direct(before: abc.Sequence[int], event: int) -> list[int]:
-    """Return the predecessors of an event without those of another predecessor."""
-    found, left = list[int](), before[event]
-    while left:  # find one that precedes none of the rest
-        last = left.bit_length() - 1
-        for one in bits(left):
-            if before[one] >> last & 1:
-                last = one
-        found.append(last)
-        left &= ~(before[last] | 1 << last)
-    return sorted(found)
-
-
 def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Scenario]:
     """Iterate over the feasible scenarios, in a stable order; raises `TooLarge`.
 
@@ -244,7 +156,7 @@ def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> I
     (['a', 'b'], (0, 1))
     """
     for kept in resolutions(prop, minimal=minimal, limit=limit):
-        found = precedence(kept)
+        found = event_order(kept)
         if found is not None:
             conditions = tuple(part for part in kept if isinstance(part, Condition) and not is_constant(part))
             yield Scenario(*found, conditions, kept)

@@ -5,17 +5,32 @@ from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from io import BufferedIOBase, IOBase
-from itertools import chain, combinations, islice
+from itertools import combinations, islice
 from math import inf
 from typing import BinaryIO, Final, NamedTuple, Self, TypeAlias, cast
 
 from rvaft.core.branches import branch as numbered
 from rvaft.core.branches import branches
 from rvaft.core.build import build
-from rvaft.core.classifier import Letter, TreeReads, reader
-from rvaft.core.passes import followed, of_branch
-from rvaft.core.property import All, EndInOrder, Event, One, Part, PartKind, Property, Source, Times, with_parts
-from rvaft.core.scenarios import is_empty, transitive
+from rvaft.core.engine_form import followed
+from rvaft.core.fields_to_read import TreeReads
+from rvaft.core.letters import Letter, reader
+from rvaft.core.precedence import transitive
+from rvaft.core.property import (
+    All,
+    EndInOrder,
+    Event,
+    One,
+    Part,
+    PartKind,
+    Property,
+    Source,
+    Times,
+    kept_ways,
+    with_parts,
+)
+from rvaft.core.restriction import of_branch
+from rvaft.core.scenarios import is_empty
 from rvaft.engine.compiled_tree import CompiledTree, Reading, TreeLetters
 from rvaft.engine.explanation import awaited
 from rvaft.engine.selection import measured_strategy
@@ -188,8 +203,7 @@ class LackingEvents:
             if waiting is not None:
                 children = compiled.children[waiting]
                 able = [child for child in children if child in compiled.members or child in ways]
-                sizes = range(compiled.need[waiting], len(able) + 1)
-                some = chain.from_iterable(combinations(able, size) for size in sizes)
+                some = kept_ways(able, compiled.need[waiting], len(able))
                 possible = (way for way in some if all(child in way for child in children if child in forced))
                 agenda.extend(({**kept, waiting: way}, (*reached, *way)) for way in possible)
                 continue

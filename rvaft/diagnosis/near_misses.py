@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from itertools import combinations, pairwise
 from typing import Final, assert_never
 
-from rvaft.core.passes import property_of
+from rvaft.core.restriction import property_of
 from rvaft.diagnosis.relaxation import Lack, Relaxation, relaxations, with_count, without_events
 from rvaft.engine.monitor import Engine
 from rvaft.engine.selection import strategy_of

@@ -6,7 +6,8 @@ from typing import NamedTuple
 from rvaft.diagnosis.near_misses import EVENTS, SHOWN, NearMiss, NearMissSearch
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
-from rvaft.stream.listeners import Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.listeners import Listener
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.support.wording import listing
 
 

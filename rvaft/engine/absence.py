@@ -20,7 +20,7 @@ from math import inf
 from typing import Any, Final, NamedTuple, Self
 
 from rvaft.engine.all_matches import Following
-from rvaft.engine.compiled_tree import NOTHING, Clause, CompiledTree, EventClass, Reading, TreeLetters
+from rvaft.engine.compiled_tree import NOTHING, AbsenceClause, CompiledTree, EventClass, Reading, TreeLetters
 from rvaft.engine.configuration import Configuration, Mark, Witness, events_of, history
 from rvaft.engine.partial_matches import NEW
 from rvaft.engine.settled_choices import SettledChoices
@@ -42,14 +42,14 @@ _STALE: Final = 1_000
 class AbsentCall(NamedTuple):
     """A clause with the test of its guard, and its variables that the absent event repeats."""
 
-    clause: Clause
+    clause: AbsenceClause
     guard: Predicate | None
     names: tuple[str, ...]
     alone: bool
     """Whether the event alone decides the guard."""
 
     @classmethod
-    def of(cls, clause: Clause) -> "AbsentCall":
+    def of(cls, clause: AbsenceClause) -> "AbsentCall":
         """Return the call of a clause."""
         part = clause.part
         own = rigid_variables(part.pattern)
@@ -68,9 +68,9 @@ class AbsentCall(NamedTuple):
 class Standing:
     """The clauses of a stage."""
 
-    open: tuple[Clause, ...]
+    open: tuple[AbsenceClause, ...]
     """The clauses that a later event may break."""
-    waits: tuple[Clause, ...]
+    waits: tuple[AbsenceClause, ...]
     """Those of them that wait for a time."""
 
 
@@ -133,7 +133,7 @@ class AbsentEvents(Following):
             self._standing.clear()
             self._marked.clear()
         self._groups: dict[Stage, StageGroup] = {}
-        self._deadlines: list[tuple[int, int, Stage, Clause]] = []
+        self._deadlines: list[tuple[int, int, Stage, AbsenceClause]] = []
         self._added = 0
         for one in configurations:
             self._add(self._stages.of(one), one.binding, one.witness)
@@ -352,12 +352,12 @@ class AbsentEvents(Following):
         elif not group.members:
             del self._groups[stage]
 
-    def _end(self, clause: Clause, binding: Mapping[str, Json]) -> int | None:
+    def _end(self, clause: AbsenceClause, binding: Mapping[str, Json]) -> int | None:
         """Return the end of a part; None if undefined."""
         end = binding.get(self.compiled.register(clause.target).greatest)
         return end if type(end) is int else None
 
-    def _wait(self, stage: Stage, clause: Clause, binding: Mapping[str, Json], number: int) -> None:
+    def _wait(self, stage: Stage, clause: AbsenceClause, binding: Mapping[str, Json], number: int) -> None:
         end = self._end(clause, binding)
         if end is not None:
             deadline = end + (clause.part.duration or 0) + self._late
@@ -471,7 +471,7 @@ class AbsentEvents(Following):
 
     # Events before a part.
 
-    def _came_before(self, clause: Clause, bound: Mapping[str, Json], last: Witness) -> bool:
+    def _came_before(self, clause: AbsenceClause, bound: Mapping[str, Json], last: Witness) -> bool:
         """Whether an event that breaks `before` came, for a partial match with a new last event."""
         inside = self.compiled.inside[clause.target]
         own = [step.position for step in events_of(last) if inside >> step.node & 1]

@@ -1,20 +1,19 @@
-"""Strategies that follow all partial matches, and that of large trees under `strict` and `projected`."""
+"""What strategies have in common that follow all partial matches."""
 
 from abc import abstractmethod
-from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Hashable, Iterable, Iterator, Sequence
 from copy import copy
 from functools import partial
 from typing import Any, ClassVar, Final, Self
 
-from rvaft.engine.compiled_tree import NOTHING, CompiledTree, EventClass, Reading, TreeLetters
+from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
 from rvaft.engine.configuration import Configuration, Witness, events_of, flattened, history, unflattened
 from rvaft.engine.explanation import explained_match, explanation_of, pending
 from rvaft.engine.partial_matches import Matching
 from rvaft.engine.replay import ReplaySearch, steps_of
 from rvaft.engine.strategy import Measured, Progress
 from rvaft.errors import TooLarge
-from rvaft.model.values import Json, key
-from rvaft.model.verdict import Semantics, Verdict
+from rvaft.model.values import key
 from rvaft.monitors import Explanation, Pending
 from rvaft.support.bits import bits, union
 
@@ -167,51 +166,3 @@ class Following(Measured):
             taken = union(configuration.taken for configuration in self.partial)
             grows = f"too many ways to match {self.compiled.some(bits(taken))}"
         raise TooLarge(f"partial matches to follow; {grows}", limit=self.limit, remedy=self.compiled.prop.remedy)
-
-
-class Contiguous(Following):
-    """The strategy of large trees under `strict` and `projected`: all partial matches use the same events."""
-
-    def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
-        assert semantics in (Semantics.STRICT, Semantics.PROJECTED), "the others follow stages"
-        super().__init__(compiled, letters, limit=limit)
-        self._projected = semantics is Semantics.PROJECTED
-        self._begin()
-
-    def follow(self, configurations: Iterable[Configuration]) -> None:
-        """Replace the partial matches by copies, because a step may change them."""
-        self._configurations = [configuration.copy() for configuration in configurations]
-
-    @property
-    def partial(self) -> list[Configuration]:
-        """The followed partial matches."""
-        return self._configurations
-
-    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
-        """Return the reading of an event; only `strict` reads irrelevant events."""
-        if self._projected and not event_class.relevant:
-            return NOTHING
-        return self.letters.read(event, event_class)
-
-    def advance(self, reading: Reading, position: int) -> Verdict:
-        """Return the verdict after one more event."""
-        self.matching.effort.begin()
-        relevant, hits = reading
-        before = self._configurations
-        if self._projected and not relevant:
-            return Verdict.UNKNOWN if before else Verdict.FALSE
-        steps = [(node, hit.values) for hit in hits for node in hit.nodes]
-        reuse = len(steps) == 1
-        found: dict[Hashable, Configuration] = {}
-        for configuration in before:
-            for node, values in steps:
-                new = self.matching.extended(configuration, node, values, position, reuse=reuse)
-                if new is not None:
-                    found.setdefault(None if reuse and len(before) == 1 else new.key, new)
-            self._bound(len(found))
-        standing = self.matching.standing
-        self.matches = [new for new in found.values() if standing(new)[0]]
-        self._configurations = [] if self.matches else list(found.values())
-        if not found:
-            self.lost = before
-        return Verdict.TRUE if self.matches else Verdict.UNKNOWN if found else Verdict.FALSE

@@ -19,8 +19,10 @@ from itertools import chain, islice
 from typing import Any, Final, NamedTuple
 
 from rvaft.core import property as core
-from rvaft.core.classifier import EventTest, GuardTable, Letter, PatternIndex, Reader, guard_table, reader
+from rvaft.core.guard_table import GuardTable, guard_table
+from rvaft.core.letters import EventTest, Letter, Reader, reader
 from rvaft.core.part_numbers import op_of
+from rvaft.core.pattern_index import PatternIndex
 from rvaft.core.property import Part, PartKind, Property, Source, fewest
 from rvaft.core.times import Extreme, TimeDifference, differences
 from rvaft.model.expressions import without_text
@@ -203,7 +205,7 @@ class CompiledTree:
         """Whether events of nodes precede the events below them."""
         self.patterns = tuple(None if one.event is None else one.event.pattern for one in nodes)
         self.clauses = {
-            node: Clause(node, inner[node][0], part, prop.tree)
+            node: AbsenceClause(node, inner[node][0], part, prop.tree)
             for node, one in enumerate(nodes)
             if (part := one.absence)
         }
@@ -348,7 +350,7 @@ class CompiledTree:
             found.append(mask_of(target for target in targets if self.inside[target] >> node & 1))
         self.absent_around = found
         """If there are absent events, for each node the parts around it that have one."""
-        self.clauses_of: dict[int, list[Clause]] = {}
+        self.clauses_of: dict[int, list[AbsenceClause]] = {}
         """The clauses of each such part."""
         for clause in self.clauses.values():
             self.clauses_of.setdefault(clause.target, []).append(clause)
@@ -357,7 +359,7 @@ class CompiledTree:
         """Return the nodes with an event at and below a part with an absent event."""
         return self.inside[node] & self.events_mask
 
-    def clauses_around(self, node: int) -> list["Clause"]:
+    def clauses_around(self, node: int) -> list["AbsenceClause"]:
         """Return the clauses of parts with a node, inner ones first."""
         parts = [*bits(self.absent_around[node])] if self.clauses else []
         return [clause for part in reversed(parts) for clause in self.clauses_of[part]]
@@ -487,7 +489,7 @@ def window_over(registers: Iterable[Register], duration: int) -> TimeDifference:
     return TimeDifference(last, Extreme(Operator.MIN, (*[one.least for one in registers], NOW)), duration)
 
 
-class Clause(NamedTuple):
+class AbsenceClause(NamedTuple):
     """An absent event: its silent node, the node of its part, and what must be absent."""
 
     node: int
@@ -601,7 +603,7 @@ class Occurrences(NamedTuple):
     patterns: tuple[Pattern, ...]
     filters: tuple[Guard | None, ...]
 
-    clauses: Mapping[int, "Clause"] = {}
+    clauses: Mapping[int, "AbsenceClause"] = {}
     """The absent events."""
 
     def times_of(self, node: int) -> tuple[str, ...]:  # noqa: ARG002

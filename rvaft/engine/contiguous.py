@@ -1,4 +1,4 @@
-"""The strategy for `consecutive`, and for small trees under `strict` and `projected`.
+"""The strategies for `consecutive`, `strict` and `projected`; that of large trees has no frontier.
 
 An event that counts extends a partial match or ends it. The *frontier* is the tuple of the stages
 of all partial matches; equal frontiers are one object. A frontier remembers which partial matches
@@ -7,7 +7,7 @@ well, and an event costs one look-up and the new steps.
 """
 
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, Self
 
@@ -16,13 +16,12 @@ from rvaft.engine.compiled_tree import NOTHING, Admission, CompiledTree, EventCl
 from rvaft.engine.configuration import Configuration, Witness
 from rvaft.engine.partial_matches import Matching
 from rvaft.engine.stages import Stage, StageMove, Stages, agree
-from rvaft.model.values import Json, exact
+from rvaft.model.values import OWN_TYPES, Json, exact
 from rvaft.model.verdict import Semantics, Verdict
 
 SMALL: Final = 500
 """The maximum number of nodes of a small tree. With 1,000 leaves, the stages take 2 to 3 times as long as
-`Contiguous` for the first events, and up to 6 times for later ones."""
-_PLAIN: Final = frozenset({str, int})
+`LargeContiguousMatches` for the first events, and up to 6 times for later ones."""
 _UNMATCHED: Final[tuple[Mapping[str, Json], EventClass]] = ({}, EventClass())
 _new: Final = tuple.__new__  # twice as fast as the constructors of the classes
 
@@ -250,10 +249,58 @@ class ContiguousMatches(Following):
                 kept = {name: bound[name] for name in stage.names}
                 key: tuple[Any, ...] = (stage,)
                 if timed or len(steps) > 1:
-                    key = (stage, *[value if type(value) in _PLAIN else exact(value) for value in kept.values()])
+                    key = (stage, *[value if type(value) in OWN_TYPES else exact(value) for value in kept.values()])
                 if key not in made:
                     made[key] = _new(Follower, (kept, _new(Witness, (last, move.node, position, values))))
             if len(made) > self.limit:
                 self._bound(len(made))
         self.noted = bool(made)
         return stages.frontier((*[key[0] for key in made], *stages.start)), [*made.values(), *self._start]
+
+
+class LargeContiguousMatches(Following):
+    """The strategy of large trees under `strict` and `projected`: all partial matches use the same events."""
+
+    def __init__(self, compiled: CompiledTree, letters: TreeLetters, semantics: Semantics, *, limit: int) -> None:
+        assert semantics in (Semantics.STRICT, Semantics.PROJECTED), "the others follow stages"
+        super().__init__(compiled, letters, limit=limit)
+        self._projected = semantics is Semantics.PROJECTED
+        self._begin()
+
+    def follow(self, configurations: Iterable[Configuration]) -> None:
+        """Replace the partial matches by copies, because a step may change them."""
+        self._configurations = [configuration.copy() for configuration in configurations]
+
+    @property
+    def partial(self) -> list[Configuration]:
+        """The followed partial matches."""
+        return self._configurations
+
+    def read(self, event: Mapping[str, Json], event_class: EventClass) -> Reading:
+        """Return the reading of an event; only `strict` reads irrelevant events."""
+        if self._projected and not event_class.relevant:
+            return NOTHING
+        return self.letters.read(event, event_class)
+
+    def advance(self, reading: Reading, position: int) -> Verdict:
+        """Return the verdict after one more event."""
+        self.matching.effort.begin()
+        relevant, hits = reading
+        before = self._configurations
+        if self._projected and not relevant:
+            return Verdict.UNKNOWN if before else Verdict.FALSE
+        steps = [(node, hit.values) for hit in hits for node in hit.nodes]
+        reuse = len(steps) == 1
+        found: dict[Hashable, Configuration] = {}
+        for configuration in before:
+            for node, values in steps:
+                new = self.matching.extended(configuration, node, values, position, reuse=reuse)
+                if new is not None:
+                    found.setdefault(None if reuse and len(before) == 1 else new.key, new)
+            self._bound(len(found))
+        standing = self.matching.standing
+        self.matches = [new for new in found.values() if standing(new)[0]]
+        self._configurations = [] if self.matches else list(found.values())
+        if not found:
+            self.lost = before
+        return Verdict.TRUE if self.matches else Verdict.UNKNOWN if found else Verdict.FALSE

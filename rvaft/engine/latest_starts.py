@@ -21,6 +21,7 @@ from math import inf
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.property import Property
+from rvaft.core.units import Unit, UnitLeaf
 from rvaft.engine.compiled_tree import NOTHING, Admission, EventClass, Inert, Occurrences, Reading, TreeLetters
 from rvaft.engine.explanation import (
     Choices,
@@ -49,7 +50,6 @@ from rvaft.engine.unit_run import (
     copied,
     plain_key,
 )
-from rvaft.engine.units import Unit, UnitLeaf
 from rvaft.engine.unordered_run import UnorderedRun
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import rigid_variables

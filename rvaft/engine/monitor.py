@@ -5,7 +5,7 @@ from datetime import datetime
 from math import inf
 from typing import Any, Final, Self
 
-from rvaft.core.passes import property_of
+from rvaft.core.restriction import property_of
 from rvaft.engine.compiled_tree import NOTHING, EventClass, Inert, Reading, TreeLetters
 from rvaft.engine.explanation import together
 from rvaft.engine.selection import strategy_of

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.core.times import Extreme, TimeDifference
-from rvaft.engine.compiled_tree import NOW, Clause, CompiledTree, Register, window_over
+from rvaft.engine.compiled_tree import NOW, AbsenceClause, CompiledTree, Register, window_over
 from rvaft.engine.configuration import DONE, MORE, SURE, TOUCHED, Configuration, Mark, PartProgress, Witness
 from rvaft.engine.shared_nodes import SharedNodes
 from rvaft.model.guards import Operator, Predicate
@@ -95,16 +95,16 @@ class Matching:
         done = taken == events
         return (TOUCHED if taken else 0) | (DONE | SURE if done else MORE)
 
-    def is_open(self, configuration: Configuration, clause: Clause) -> bool:
+    def is_open(self, configuration: Configuration, clause: AbsenceClause) -> bool:
         """Whether an event may still break a clause, or another event of its part may come."""
         flags = self.part_flags(configuration, clause.target)
         if not flags & TOUCHED or flags & MORE:
             return True
         return clause.part.side is Side.AFTER and not configuration.decided >> clause.node & 1
 
-    def open_clauses(self, configuration: Configuration) -> list[Clause]:
+    def open_clauses(self, configuration: Configuration) -> list[AbsenceClause]:
         """Return the clauses that a later event may break, whatever other events follow."""
-        found = list[Clause]()
+        found = list[AbsenceClause]()
         for clause in self.compiled.clauses.values():
             flags = self.part_flags(configuration, clause.target)
             match clause.part.side:

@@ -20,8 +20,8 @@ from heapq import nlargest
 from operator import ge
 from typing import Any, Final, TypeAlias
 
-from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, Match, Remembered, State, Take, UnitRun
-from rvaft.engine.units import Op, Unit, UnitLeaf
+from rvaft.core.units import Op, Unit, UnitLeaf
+from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, FrontRun, Match, Remembered, State, Take
 from rvaft.errors import TooLarge
 from rvaft.support.budget import StepWork
 
@@ -34,7 +34,7 @@ FORGOTTEN: Final = -1
 """The position, and the node, of an entry in place of events that are remembered no more."""
 
 
-class PointedRun(UnitRun):
+class PointedRun(FrontRun):
     """The steps where times never decrease (`ordered`), or may decrease."""
 
     def __init__(self, unit: Unit, effort: StepWork, *, ordered: bool, remedy: str) -> None:
@@ -199,35 +199,14 @@ class PointedRun(UnitRun):
             raise TooLarge("events that a branch may need", limit=REMEMBERED, remedy=self._remedy)
         return events
 
-    def _rise(self, state: State, node: int, matches: list[Match]) -> Match | None:
-        """Complete a node and what it completes above; return a match of the unit."""
-        unit = self.unit
-        while True:
-            matches = self._completed(node, matches)
-            if not matches:
-                return None
-            gate, op, before, last, siblings, need = unit.places[node]
-            if gate < 0:
-                return matches[0]
-            if op is Op.SEQUENCE or op is Op.ENDS:
-                if before >= 0:
-                    present = op is Op.ENDS or unit.direct[node]
-                    fronts = ((one, (state[HEAD + before] or ()) if present else one[5]) for one in matches)
-                    pairs = [(other, one) for one, front in fronts for other in front]
-                    matches = self._best(self._joined(pairs, gate), self._stored[node])
-                if not last:
-                    for one in matches:
-                        self._add(state, node, one)
-                    return None
-            elif op is not Op.ONE:
-                added = [one for one in matches if self._add(state, node, one)]
-                if not unit.again[gate]:
-                    matches = added
-                beside = [front for sibling in siblings if sibling != node and (front := state[HEAD + sibling])]
-                if not matches or len(beside) < need - 1:
-                    return None
-                matches = self._chosen(matches, beside, need - 1, gate, node)
-            node = gate
+    def _in_turn(self, state: State, node: int, matches: list[Match]) -> list[Match]:
+        gate, op, before, *_ = self.unit.places[node]
+        if before < 0:
+            return matches
+        present = op is Op.ENDS or self.unit.direct[node]
+        fronts = ((one, (state[HEAD + before] or ()) if present else one[5]) for one in matches)
+        pairs = [(other, one) for one, front in fronts for other in front]
+        return self._best(self._joined(pairs, gate), self._stored[node])
 
     def _completed(self, node: int, matches: list[Match]) -> list[Match]:
         """Return the matches of a node that satisfy its window and bounds, with the values that are needed above."""
@@ -245,8 +224,9 @@ class PointedRun(UnitRun):
             matches = found
         return self._best(matches, self._merits[node])
 
-    def _chosen(self, matches: list[Match], fronts: Sequence[Front], need: int, gate: int, node: int) -> list[Match]:
+    def _chosen(self, matches: list[Match], fronts: Sequence[Front], need: int, node: int) -> list[Match]:
         """Join matches of a node with matches of `need` siblings, below a time point perhaps of more."""
+        gate = self.unit.places[node].gate
         merits, more = self._stored[node], self._moving[gate]
         if len(fronts) > need and len(merits(matches[0])) < 2:  # each front has its best match
             best = nlargest(max(need, more), [front[0] for front in fronts], key=merits)

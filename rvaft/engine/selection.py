@@ -1,17 +1,17 @@
 """The strategy for a property."""
 
-from rvaft.core.passes import decide_constants, followed
+from rvaft.core.engine_form import followed
+from rvaft.core.passes import decide_constants
 from rvaft.core.property import IMPOSSIBLE, Property
+from rvaft.core.units import units
 from rvaft.engine.absence import AbsentEvents
-from rvaft.engine.all_matches import Contiguous
 from rvaft.engine.compiled_tree import CompiledTree, TreeLetters
-from rvaft.engine.contiguous import SMALL, ContiguousMatches
+from rvaft.engine.contiguous import SMALL, ContiguousMatches, LargeContiguousMatches
 from rvaft.engine.latest_starts import LatestStarts
 from rvaft.engine.scattered_general import ScatteredMatches
 from rvaft.engine.scattered_linear import LinearMonitor, linear_starts
 from rvaft.engine.settled_choices import SettledChoices
 from rvaft.engine.strategy import Measured, Strategy
-from rvaft.engine.units import units
 from rvaft.model.verdict import Semantics
 
 
@@ -53,7 +53,7 @@ def _strategy(
         return AbsentEvents(compiled, letters, semantics, limit=limit, early=not measured, repeat_by=repeat_by)
     if semantics is not Semantics.SCATTERED:
         if semantics is not Semantics.CONSECUTIVE and len(compiled.names) > SMALL:
-            return Contiguous(compiled, letters, semantics, limit=limit)
+            return LargeContiguousMatches(compiled, letters, semantics, limit=limit)
         return ContiguousMatches(compiled, letters, semantics, limit=limit, early=not measured)
     starts = linear_starts(compiled, letters) if repeat_by is None else None
     if starts is not None:

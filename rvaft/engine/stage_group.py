@@ -12,10 +12,7 @@ from typing import Final, NamedTuple, TypeAlias
 from rvaft.core.times import TimeDifference
 from rvaft.engine.configuration import Witness
 from rvaft.engine.subsumption import Rank, Ranking, Term, scale
-from rvaft.model.values import Json, exact, is_number, key
-
-_PLAIN: Final = (str, int, float)
-
+from rvaft.model.values import KEYS, Json, exact, is_number, key
 
 UNRANKED: Final = Rank(None, (), ())
 """The rank of the only member of a group, which is compared with none."""
@@ -62,7 +59,7 @@ _Lanes: TypeAlias = dict[tuple[Hashable, ...], list[LaneMember]]
 
 def place_of(values: Iterable[Json]) -> _Place:
     """Return a key that is equal for equal values; a non-finite value equals nothing."""
-    return tuple([v if type(v) in _PLAIN and (type(v) is not float or v - v == 0) else key(v) for v in values])
+    return tuple([v if type(v) in KEYS and (type(v) is not float or v - v == 0) else key(v) for v in values])
 
 
 class StageGroup:

@@ -30,12 +30,11 @@ from rvaft.model.guards import (
     variables,
 )
 from rvaft.model.patterns import Binding, Variable
-from rvaft.model.values import Json, equal, is_number
+from rvaft.model.values import OWN_TYPES, Json, equal, is_number
 from rvaft.support.bits import bits, mask_of
 
 MEMORY: Final = 500_000
 """The maximum size of remembered stages."""
-_PLAIN: Final = frozenset({str, int})
 _MANY: Final = 4
 """The maximum number of joint guards to enumerate."""
 _TIMES: Final = 3
@@ -179,7 +178,7 @@ def agree(names: Iterable[str], one: Mapping[str, Json], other: Mapping[str, Jso
     """Whether these variables have equal values."""
     for name in names:
         mine, its = one[name], other[name]
-        if not (mine == its if type(mine) is type(its) and type(mine) in _PLAIN else equal(mine, its)):
+        if not (mine == its if type(mine) is type(its) and type(mine) in OWN_TYPES else equal(mine, its)):
             return False
     return True
 

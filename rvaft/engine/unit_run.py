@@ -15,8 +15,8 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Seq
 from typing import Any, Final, TypeAlias, assert_never
 
 from rvaft.core.property import Source
+from rvaft.core.units import Op, Unit, UnitLeaf
 from rvaft.engine.explanation import Step
-from rvaft.engine.units import Op, Unit, UnitLeaf
 from rvaft.model.values import Json, is_finite, key
 
 TIME: Final = 0
@@ -167,6 +167,51 @@ class UnitRun(ABC):
         """Return the events of a counted leaf by the variables in which they agree."""
         found = state[self.places[leaf.node]]
         return (found or {}) if leaf.own else {(): found or []}
+
+
+class FrontRun(UnitRun):
+    """The steps if a node keeps several matches: its *front*."""
+
+    def _rise(self, state: State, node: int, matches: list[Match]) -> Match | None:
+        """Complete a node and what it completes above; return a match of the unit."""
+        while True:
+            matches = self._completed(node, matches)
+            if not matches:
+                return None
+            gate, op, _, last, siblings, need = self.unit.places[node]
+            if gate < 0:
+                return matches[0]
+            if op is Op.SEQUENCE or op is Op.ENDS:
+                matches = self._in_turn(state, node, matches)
+                if not last:
+                    for one in matches:
+                        self._add(state, node, one)
+                    return None
+            elif op is not Op.ONE:
+                added = [one for one in matches if self._add(state, node, one)]
+                if not self.unit.again[gate]:
+                    matches = added
+                beside = [front for sibling in siblings if sibling != node and (front := state[HEAD + sibling])]
+                if not matches or len(beside) < need - 1:
+                    return None
+                matches = self._chosen(matches, beside, need - 1, node)
+            node = gate
+
+    @abstractmethod
+    def _completed(self, node: int, matches: list[Match]) -> list[Match]:
+        """Return the matches of a node that satisfy its window and bounds."""
+
+    @abstractmethod
+    def _in_turn(self, state: State, node: int, matches: list[Match]) -> list[Match]:
+        """Join the matches of a child of a sequence with those of the children before it."""
+
+    @abstractmethod
+    def _chosen(self, matches: list[Match], fronts: Sequence[Any], need: int, node: int) -> list[Match]:
+        """Join the matches of a node with matches of `need` siblings."""
+
+    @abstractmethod
+    def _add(self, state: State, node: int, match: Match) -> bool:
+        """Add a match to the front of a node unless another one replaces it."""
 
 
 def copied(state: State) -> State:

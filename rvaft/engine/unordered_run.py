@@ -12,41 +12,17 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Hashable, Iterable, Sequence
 from heapq import nlargest
 from itertools import pairwise
-from typing import Any, Final, NamedTuple, Self, TypeAlias
+from typing import Any, Final, TypeAlias
 
-from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, CountedEvent, Match, Remembered, State, Take, UnitRun
-from rvaft.engine.units import Op, Unit, UnitLeaf
+from rvaft.core.units import Op, PositionUse, Unit, UnitLeaf
+from rvaft.engine.unit_run import EVENTS, HEAD, TIME, WATERMARK, CountedEvent, FrontRun, Match, Remembered, State, Take
 from rvaft.support.budget import StepWork
 
 Front: TypeAlias = list[Match]
 _NONE: Final[Sequence[Match]] = ()
 
 
-class PositionUse(NamedTuple):
-    """For each node, whether positions matter besides times.
-
-    `inside`: the first position of a match, in a later child of a sequence. `followed`: the last one,
-    to the next child.
-    """
-
-    inside: tuple[bool, ...]
-    followed: tuple[bool, ...]
-
-    @classmethod
-    def of(cls, unit: Unit) -> Self:
-        """Return the use of positions in a unit."""
-        size = len(unit.places)
-        inside, followed = [False] * size, [False] * size
-        for node in range(1, size):
-            gate, op, before, *_ = unit.places[node]
-            timed = op is Op.SEQUENCE and unit.limits[gate] is not None
-            inside[node] = inside[gate] or (timed and before >= 0 and not unit.direct[node])
-            if timed and before >= 0 and not unit.direct[node]:
-                followed[before] = True
-        return cls(tuple(inside), tuple(followed))
-
-
-class UnorderedRun(UnitRun):
+class UnorderedRun(FrontRun):
     """A match has its first position, least time, steps, greatest time and last position."""
 
     def __init__(self, unit: Unit, effort: StepWork) -> None:
@@ -150,46 +126,23 @@ class UnorderedRun(UnitRun):
                 found.append((events[start][0], least, (leaf.node, events, start + count), most, position))
         return found if len(found) < 2 else _best(found, first=False)
 
-    def _rise(self, state: State, node: int, matches: list[Match]) -> Match | None:
-        """Complete a node and what it completes above; return a match of the unit."""
-        unit = self.unit
-        while True:
-            window = unit.windows[node]
-            if window is not None:
-                matches = [one for one in matches if one[3] - one[1] <= window]
-            if not matches:
-                return None
-            gate, op, before, last, siblings, need = unit.places[node]
-            if gate < 0:
-                return matches[0]
-            if op is Op.SEQUENCE or op is Op.ENDS:
-                if before < 0:
-                    matches = [(one[0], one[1], (one[2],), one[3], one[4]) for one in matches]
-                else:
-                    front = state[HEAD + before] or _NONE
-                    later = op is Op.SEQUENCE and not unit.direct[node]
-                    matches = self._joined(
-                        [(one, other) for one in matches for other in self._partners(front, one, gate, later=later)],
-                        gate,
-                    )
-                if not last:
-                    for one in matches:
-                        self._add(state, node, one)
-                    return None
-            elif op is not Op.ONE:
-                added = [one for one in matches if self._add(state, node, one)]
-                if not unit.again[gate]:
-                    matches = added
-                fronts = [front for sibling in siblings if sibling != node and (front := state[HEAD + sibling])]
-                if len(fronts) < need - 1:
-                    return None
-                alone = [(one[0], one[1], (one[2],), one[3], one[4]) for one in matches]
-                matches = self._chosen(alone, fronts, need - 1, gate)
-            node = gate
+    def _completed(self, node: int, matches: list[Match]) -> list[Match]:
+        window = self.unit.windows[node]
+        return matches if window is None else [one for one in matches if one[3] - one[1] <= window]
 
-    def _chosen(self, matches: list[Match], fronts: Sequence[Front], need: int, gate: int) -> list[Match]:
-        """Join matches with matches of `need` siblings."""
-        limit = self.unit.limits[gate]
+    def _in_turn(self, state: State, node: int, matches: list[Match]) -> list[Match]:
+        gate, op, before, *_ = self.unit.places[node]
+        if before < 0:
+            return _alone(matches)
+        front = state[HEAD + before] or _NONE
+        later = op is Op.SEQUENCE and not self.unit.direct[node]
+        return self._joined(
+            [(one, other) for one in matches for other in self._partners(front, one, gate, later=later)], gate
+        )
+
+    def _chosen(self, matches: list[Match], fronts: Sequence[Front], need: int, node: int) -> list[Match]:
+        gate = self.unit.places[node].gate
+        limit, matches = self.unit.limits[gate], _alone(matches)
         if limit is None:
             fronts = fronts[:need]
         if len(fronts) == need:
@@ -347,6 +300,11 @@ def _time(match: Sequence[Any]) -> Any:
 
 def _end(match: Match) -> Any:
     return match[3]
+
+
+def _alone(matches: Sequence[Match]) -> list[Match]:
+    """Return matches of a child as matches of its gate."""
+    return [(one[0], one[1], (one[2],), one[3], one[4]) for one in matches]
 
 
 def _events(match: Match, count: int) -> list[CountedEvent]:

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Mapping
 from typing import Final
 
-from rvaft.core.branches import whole
+from rvaft.core.restriction import whole
+from rvaft.export import PICTURES, WRITTEN, Format
 from rvaft.export.dot import dot_text, picture
-from rvaft.export.formats import PICTURES, WRITTEN, Format
 from rvaft.export.galileo_text import galileo_text
 from rvaft.export.layout import PLAIN, TERMINAL, Look, marks
 from rvaft.export.text import tree_text

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from typing import Final
 
 from rvaft.core.branches import Branch
-from rvaft.core.passes import of_branch, property_of
+from rvaft.core.restriction import of_branch, property_of
 from rvaft.export import latex
 from rvaft.export.formula import DEFAULT_LIMIT, TEXT, Formula, Join, Notation, breakable, formula, write
 from rvaft.model.event_time import duration_text
@@ -94,14 +94,14 @@ def _formula(part: RVAFT | Branch) -> Formula:
     return formula(of_branch(property_of(part.tree), part) if isinstance(part, Branch) else property_of(part))
 
 
-def property_text(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
-    """Return the property in plain text; raises `TooLarge` beyond `limit` pieces."""
-    return write(_formula(part), TEXT, limit=limit)
+def property_text(part: RVAFT | Branch) -> str:
+    """Return the property in plain text; raises `TooLarge`."""
+    return write(_formula(part), TEXT)
 
 
-def property_unicode(part: RVAFT | Branch, *, limit: int = DEFAULT_LIMIT) -> str:
+def property_unicode(part: RVAFT | Branch) -> str:
     """Return the property as one line: `move(Waypoint, _) · [T₂ ≥ T₁ + 10]`; raises `TooLarge`."""
-    return visible(write(_formula(part), _UNICODE, limit=limit))
+    return visible(write(_formula(part), _UNICODE))
 
 
 def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int = DEFAULT_LIMIT) -> str:
@@ -125,12 +125,12 @@ def property_latex(part: RVAFT | Branch, *, width: int | None = None, limit: int
     return "\\\\\n  &\\quad".join(lines)
 
 
-def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH, limit: int = DEFAULT_LIMIT) -> str:
+def equation_latex(part: RVAFT | Branch, *, width: int | None = WIDTH) -> str:
     r"""Return a row of `align*` with the name: `\varphi_{1} &= …`; raises `TooLarge`."""
     index = _index(part)
     shown = index if index.isdigit() else rf"\mathrm{{{index}}}"
     sign = rf"\varphi_{{{shown}}}" if index else r"\varphi"
-    return f"{sign} &= {property_latex(part, width=width, limit=limit)}"
+    return f"{sign} &= {property_latex(part, width=width)}"
 
 
 def align_latex(parts: Iterable[RVAFT | Branch], *, width: int | None = WIDTH) -> Iterator[str]:

@@ -46,7 +46,7 @@ class SvgBox:
         return self.y + self.height + (_GATE if self.node.gate is not None else 0)
 
 
-def svg_text(tree: RVAFT, look: Look | None = None, *, badges: bool = False) -> str:
+def svg_text(tree: RVAFT, *, badges: bool = False) -> str:
     """Return the tree as an `svg` element, with room for `badges` in the boxes of events.
 
     >>> import rvaft
@@ -54,8 +54,7 @@ def svg_text(tree: RVAFT, look: Look | None = None, *, badges: bool = False) -> 
     >>> text.count('class="node'), "&lt;b&gt;" in text
     (3, True)
     """
-    if look is None:
-        look = CROWDED if sum(tree.nodes[name].leaf for name in tree.order) > MANY else SCREEN
+    look = CROWDED if sum(tree.nodes[name].leaf for name in tree.order) > MANY else SCREEN
     part = view(tree, look)
     boxes = {node.name: _box(node, look, badge=badges and node.has_event) for node in part.nodes}
     width, bottoms = _place(part, look, boxes)

@@ -19,7 +19,9 @@ from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Explanation
 from rvaft.stream.detection import detection, matched_events
-from rvaft.stream.listeners import EventBuffer, MonitoredTrace, Publisher, VerdictChange
+from rvaft.stream.event_buffer import EventBuffer
+from rvaft.stream.publishers import Publisher
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.support.files import error_context, target_of, temporary_beside
 
 Given = TypeVar("Given")

@@ -22,8 +22,8 @@ from time import monotonic, sleep
 from typing import Any, Final, Literal, NamedTuple, cast
 from urllib.parse import parse_qs, urlsplit
 
-from rvaft.reports.index import index_policy
-from rvaft.reports.log_report import policy
+from rvaft.reports import index, log_report
+from rvaft.reports.page import policy
 from rvaft.support.network import LOCAL, own, unavailable
 
 PERIOD: Final = 0.25
@@ -102,7 +102,7 @@ def message(changes: Changes) -> bytes:
 def headers(kind: ResourceKind | None, *, live: bool) -> Mapping[str, str]:
     """Return the headers of an answer: type, content policy, and no caching."""
     types = {"index": "text/html", "page": "text/html", "events": "text/event-stream", None: "text/plain"}
-    rules = index_policy() if kind == "index" else policy(live=live)
+    rules = policy(index.PAGE) if kind == "index" else policy(log_report.PAGE, live=live)
     return {
         "Content-Type": f"{types[kind]}; charset=utf-8",
         "Content-Security-Policy": f"{rules}; frame-ancestors 'none'",

@@ -32,13 +32,16 @@ from rvaft.rules.validity import valid_part
 from rvaft.stream import pipeline
 from rvaft.stream.checkpoint import packed, unpacked
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.detection import counted, detection, places
+from rvaft.stream.detection import detection, places
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.keys import Field, Key
-from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
+from rvaft.stream.listeners import Listener
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import OrderedField
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import RunState, TraceRun
+from rvaft.stream.verdict_change import VerdictChange
+from rvaft.support.wording import counted
 
 if TYPE_CHECKING:
     import pandas

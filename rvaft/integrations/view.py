@@ -14,13 +14,13 @@ from rvaft.cli.trees import TreesCommand
 from rvaft.integrations.live_page import Asked, PageServer, Questions
 from rvaft.model.nodes import Kind
 from rvaft.reports.log_report import LATEST, PLACES
-from rvaft.stream.detection import counted
 from rvaft.stream.follow import POLL, stopping
 from rvaft.stream.plan import Totals
 from rvaft.stream.run import TraceRun
 from rvaft.support import network, output
 from rvaft.support.network import LOCAL, require_host
 from rvaft.support.terminal import visible
+from rvaft.support.wording import counted
 
 _LATEST: Final = f"{MOST}  [default: {PLACES}; with --follow {LATEST}, the latest]"
 _LINES: Final = 500

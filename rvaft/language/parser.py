@@ -89,24 +89,24 @@ def _parse(text: str, file: str, start: str) -> Any:
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def parse_pattern(text: str, file: str = "<pattern>") -> Pattern:
+def parse_pattern(text: str) -> Pattern:
     """Return the pattern of a text, in which every word is a variable; raises `LanguageError`.
 
     >>> parse_pattern('{topic: "/command", time: T}').fields[1]
     ('time', Variable(name='T'))
     """
-    pattern: Pattern = _parse(text, file, "only_pattern")
+    pattern: Pattern = _parse(text, "<pattern>", "only_pattern")
     return pattern
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def parse_guard(text: str, file: str = "<guard>") -> Guard:
+def parse_guard(text: str) -> Guard:
     """Return the guard of a text; raises `LanguageError`.
 
     >>> parse_guard("T2 >= T1 + 10").operator
     <Operator.GE: '>='>
     """
-    guard: Guard = _parse(text, file, "only_guard")
+    guard: Guard = _parse(text, "<guard>", "only_guard")
     return guard
 
 

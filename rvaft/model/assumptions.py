@@ -30,8 +30,6 @@ _SORTS: Final[Mapping[ValueType, Sort]] = {
     ValueType.TIME: Sort.UNKNOWN,
     ValueType.ANY: Sort.UNKNOWN,
 }
-KNOWN_SORTS: Final = frozenset({Sort.NUMBER, Sort.TEXT, Sort.TRUTH})
-"""The sorts that a declared type fixes."""
 _TEXT_TESTS: Final = frozenset(
     {
         Operator.EQ,
@@ -279,7 +277,7 @@ class AssumptionCheck:
         for path, differs, text in self._tests:
             found = _at(event, path)
             if isinstance(found, str) and differs(found):
-                message = f"{_written(path)} is {quoted(found)}, which matches {quoted(text)} only without case"
+                message = f"{_written(path)} is {shortened(found)}, which matches {shortened(text)} only without case"
                 yield Violation(Assumption.CASE, number, message, path, literal=text)
         if Assumption.ORDER in assumed and self._time is not None:
             late, self._latest = self._time.is_late(event, self._latest)
@@ -417,7 +415,7 @@ def _written(path: Path) -> str:
     return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path).removeprefix(".")
 
 
-def quoted(text: str) -> str:
+def shortened(text: str) -> str:
     """Return a text of an event for a message, cut to 40 characters."""
     return readable_json(text if len(text) <= 40 else f"{text[:39]}…")
 

@@ -16,7 +16,7 @@ from functools import lru_cache
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from rvaft.model.patterns import Binding, Literal, Variable
-from rvaft.model.values import NUMBER, Json, equal, is_finite, is_number
+from rvaft.model.values import NUMBER, OWN_TYPES, Json, equal, is_finite, is_number
 
 MAX_DEPTH: Final = 100
 
@@ -424,7 +424,6 @@ def is_total(guard: Guard) -> bool:
 Predicate: TypeAlias = Callable[[Mapping[str, Json]], bool]
 
 _NUMBERS: Final = (int, float)
-_PLAIN: Final = frozenset({int, str})
 _LARGEST: Final = sys.float_info.max
 
 
@@ -464,7 +463,7 @@ def predicate(guard: Guard) -> Predicate:
             def with_both(binding: Mapping[str, Json]) -> bool:
                 one, other = first(binding), second(binding)
                 if type(one) is type(other) and (
-                    type(one) in _PLAIN or (type(one) is float and one - one == other - other == 0)
+                    type(one) in OWN_TYPES or (type(one) is float and one - one == other - other == 0)
                 ):
                     return bool(compares(one, other))
                 return evaluate(binding) is True

@@ -31,7 +31,7 @@ from rvaft.model.nodes import (
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable, substitute, walk
 from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.verdict import Semantics
-from rvaft.support.plugins import plugin
+from rvaft.support.plugins import display
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -265,7 +265,7 @@ class RVAFT:
         return frozenset(clause.variables).difference(tree.variables)
 
     def _repr_svg_(self) -> str | None:
-        return cast("str | None", plugin("rvaft.displays", "tree")(self))
+        return cast("str | None", display("tree")(self))
 
     @cached_property
     def _identity(self) -> tuple[object, ...]:

@@ -25,7 +25,10 @@ EXACT_INTEGERS: Final = 2**53
 LONG: Final = 16
 """A decimal with fewer characters is the shortest one of its double."""
 _PLAIN: Final = (str, int, float, bool, type(None))
-_KEYS: Final = (str, int, float)
+KEYS: Final = (str, int, float)
+"""The types of which a value is its own `key`, unless it is NaN."""
+OWN_TYPES: Final = frozenset({str, int})
+"""The types of which two values of one type are equal exactly if they are so in Python."""
 
 
 class Exact(float):
@@ -193,7 +196,7 @@ def exact(value: Json) -> Hashable:
     >>> exact(1) == exact(1.0), exact(1) == exact(True), exact([math.nan]) == exact([math.nan])
     (True, False, True)
     """
-    return value if type(value) in _KEYS and value == value else _flattened(value, exactly=True)  # noqa: PLR0124
+    return value if type(value) in KEYS and value == value else _flattened(value, exactly=True)  # noqa: PLR0124
 
 
 def fingerprint(binding: Mapping[str, Json]) -> frozenset[tuple[str, Hashable]]:

@@ -13,7 +13,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Final, cast
 
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError, ToolMissing, TraceError
 from rvaft.model.event_time import TimeFormat
 from rvaft.model.values import Json

@@ -15,7 +15,8 @@ from typing import Any, Final, TypeAlias, TypedDict, cast
 
 import msgspec
 
-from rvaft.core.classifier import Reads, TreeReads, brief
+from rvaft.core.fields_to_read import Reads, TreeReads
+from rvaft.core.pattern_index import brief
 from rvaft.errors import TraceError
 from rvaft.model.event_time import NUMERIC
 from rvaft.model.patterns import ObjectPattern
@@ -169,7 +170,7 @@ class JsonBlockReader:
         self._kept_of_event = _gets(self._kept) if kept else None
         self._kept_of_head = attrgetter(*map(short.__getitem__, self._kept)) if kept else None
         self._known: dict[Hashable, tuple[bool, tuple[bytes, ...]]] = {}
-        spelled = (re.escape(_quoted(field).translate(None, _OF_NUMBERS)) for field in fields)
+        spelled = (re.escape(_name_bytes(field).translate(None, _OF_NUMBERS)) for field in fields)
         self._keys = tuple(re.compile(name + rb"[ \t\r]*:") for name in spelled)
         self._skeletons: set[bytes] = set()
         self._resting = 0
@@ -334,7 +335,7 @@ class JsonBlockReader:
         counts = Counter(found)
         for number, field in enumerate(dict.fromkeys((*self._discriminating, *self._kept))):
             # without escapes, counting keys in the whole block suffices
-            key, there = _quoted(field), -1
+            key, there = _name_bytes(field), -1
             if doubts:
                 pass
             elif number < len(self._discriminating):
@@ -363,7 +364,7 @@ class JsonBlockReader:
         if known is None:
             every = self._every(values)
             texts = self._reads.discriminators.values(dict(zip(self._discriminating, every, strict=True)))
-            keys = tuple(_quoted(field) for field in self._reads.where(texts).fields if field not in self._short)
+            keys = tuple(_name_bytes(field) for field in self._reads.where(texts).fields if field not in self._short)
             known = self._possible(every), keys
             if len(self._known) >= MEMORY:
                 self._known.clear()
@@ -423,7 +424,7 @@ def _count(text: bytes, key: bytes) -> int:
     return sum([text.count(key, start, start + _STRETCH + more) for start in range(0, len(text), _STRETCH)])
 
 
-def _quoted(field: str) -> bytes:
+def _name_bytes(field: str) -> bytes:
     return f'"{field}"'.encode()
 
 

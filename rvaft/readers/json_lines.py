@@ -16,7 +16,7 @@ from io import BufferedIOBase
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from rvaft.core.classifier import Reads, Scope
+from rvaft.core.fields_to_read import Reads, Scope
 from rvaft.errors import TraceError
 from rvaft.model.values import Exact, Json, decimal, is_finite
 from rvaft.readers.log import MAX_DIGITS, MAX_LINE, Log, LogReader, Source, lines_of, suffix

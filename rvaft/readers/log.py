@@ -23,7 +23,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import BinaryIO, ClassVar, Final, NamedTuple, Self, TypeAlias
 
-from rvaft.core.classifier import Scope, TreeReads
+from rvaft.core.fields_to_read import Scope, TreeReads
 from rvaft.errors import OptionError, TraceError
 from rvaft.model.patterns import ObjectPattern
 from rvaft.model.values import NUMBER, Json, JsonObject, decimal
@@ -148,7 +148,7 @@ class Interest:
         """Return the interest of a tree with further fields; all fields if a pattern is no object.
 
         >>> import rvaft
-        >>> from rvaft.core.classifier import TreeReads
+        >>> from rvaft.core.fields_to_read import TreeReads
         >>> sorted(Interest.of(TreeReads(rvaft.loads("top or a b;")), ["time"]).fields)
         ['event', 'time']
         """

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from rvaft.core.classifier import Scope
+from rvaft.core.fields_to_read import Scope
 from rvaft.errors import OptionError, RvaftError, ToolFailed, WrongType, expect
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import JsonLinesReader

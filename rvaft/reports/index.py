@@ -2,17 +2,16 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from functools import cache
 from html import escape
-from importlib.resources import files
 from pathlib import PurePath
 from typing import Final, NamedTuple
 
-from rvaft.reports.log_report import filled, style_policy
+from rvaft.reports.page import filled, policy, template
 from rvaft.support.terminal import visible
 
 INDEX: Final = "index"
 """The name of this page, which no other page has."""
+PAGE: Final = "index.html"
 _REFRESH: Final = '<meta http-equiv="refresh" content="2">\n'
 
 
@@ -49,18 +48,12 @@ def index_page(rows: Sequence[Row], told: Sequence[str], *, live: bool = False) 
     lines = "".join(f"<li>{escape(visible(line))}</li>\n" for line in told)
     parts = {
         "TITLE": [f"{len(rows)} trees"],
-        "POLICY": [index_policy()],
+        "POLICY": [policy(PAGE)],
         "REFRESH": [_REFRESH] if live else [],
         "ROWS": ["\n".join(map(_row, rows))],
         "TOLD": [f"<section><h2>Messages</h2><ul>\n{lines}</ul></section>\n"] if told else [],
     }
-    return filled(_template(), parts)
-
-
-@cache
-def index_policy() -> str:
-    """Return the Content-Security-Policy."""
-    return style_policy(_template())
+    return filled(template(PAGE), parts)
 
 
 def _row(row: Row) -> str:
@@ -68,8 +61,3 @@ def _row(row: Row) -> str:
     found = ' class="found"' if row.detections else ""
     link = f'<a href="{escape(row.address)}">{name}</a>'
     return f'<tr{found}><td>{link}</td><td>{label}</td><td class="number">{row.detections}</td><td>{last}</td></tr>'
-
-
-@cache
-def _template() -> str:
-    return files("rvaft.reports").joinpath("index.html").read_text(encoding="utf-8")

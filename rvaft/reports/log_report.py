@@ -10,23 +10,19 @@ are too many places, the oldest are dropped, the rest is renumbered, and all cur
 
 import json
 import re
-from base64 import b64encode
 from bisect import bisect_left
 from collections import Counter, defaultdict, deque
 from collections.abc import Collection, Hashable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import cache
-from hashlib import sha256
 from html import escape
-from importlib.resources import files
-from io import BytesIO
 from itertools import chain, islice
 from secrets import token_hex
 from time import monotonic
 from typing import Any, Final
 
-from rvaft.core.branches import branches, whole
-from rvaft.core.classifier import Letter
+from rvaft.core.branches import branches
+from rvaft.core.letters import Letter
+from rvaft.core.restriction import whole
 from rvaft.diagnosis.recent_events import RecentEvents
 from rvaft.errors import TooLarge
 from rvaft.export.property_text import property_text
@@ -36,12 +32,17 @@ from rvaft.model.expressions import event_text
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import DEFAULT_BRANCHES, Explanation, Pending
-from rvaft.stream.detection import counted, places, unlike
-from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.reports.page import filled, policy, template
+from rvaft.stream.detection import places, unlike
+from rvaft.stream.event_buffer import EventBuffer
+from rvaft.stream.listeners import Listener
 from rvaft.stream.order import OrderedField
 from rvaft.stream.plan import MonitoringPlan
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.support.terminal import cut, visible
+from rvaft.support.wording import counted
 
+PAGE: Final = "log_report.html"
 PLACES: Final = 300_000
 """Default maximum number of places, except changes of verdicts."""
 SHOWN: Final = 100_000
@@ -70,7 +71,6 @@ FINISHED_SHARE: Final = 0.3
 _CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){7})")
 _LATEST: Final = 10**15
 """Greater instants are left out of the time axis."""
-_STYLE_AND_SCRIPT: Final = re.compile(r"<(?:style|script)>(.*?)</(?:style|script)>", re.DOTALL)
 Messages = Mapping[str, Sequence[str]]
 """Lines of text by heading: messages `said`, and the summary `held`."""
 
@@ -257,9 +257,9 @@ class LogReport(Listener):
             "HOME": [f'<a href="{home}">all trees</a>' if home else ""],
             "TREE": [svg_text(self.tree, badges=True)],
             "DATA": texts,
-            "POLICY": [policy(live=live)],
+            "POLICY": [policy(PAGE, live=live)],
         }
-        return filled(_template(), parts)
+        return filled(template(PAGE), parts)
 
     def _read_again(self) -> None:
         """Read the events of detections that are no longer stored, once for each trace."""
@@ -640,45 +640,6 @@ def _after(
         if named == title:
             verdict, fresh = symbol, repeat and symbol == "⊤"
     return seen, verdict, fresh
-
-
-def filled(template: str, parts: Mapping[str, Iterable[str]]) -> bytes:
-    """Return a template with parts in place of their names: `{{NAME}}`.
-
-    >>> filled("<p>{{WHO}}</p>", {"WHO": ["you", " and I"]})
-    b'<p>you and I</p>'
-    """
-    before, *rest = template.split("{{")
-    found = BytesIO()
-    found.write(before.encode())
-    for piece in rest:
-        word, after = piece.split("}}", 1)
-        for part in chain(parts[word], [after]):
-            found.write(part.encode(errors="replace"))
-    return found.getvalue()
-
-
-@cache
-def _template() -> str:
-    return files("rvaft.reports").joinpath("log_report.html").read_text(encoding="utf-8")
-
-
-@cache
-def policy(*, live: bool = False) -> str:
-    """Return the Content-Security-Policy."""
-    asking = "; connect-src 'self'" if live else ""
-    return f"{style_policy(_template())}; script-src {_hashes(_template())[1]}{asking}"
-
-
-def style_policy(template: str) -> str:
-    """Return the Content-Security-Policy of a page with a style sheet and without scripts."""
-    fixed = "default-src 'none'; base-uri 'none'; form-action 'none'; img-src data:"
-    return f"{fixed}; style-src {_hashes(template)[0]}"
-
-
-def _hashes(template: str) -> list[str]:
-    found = _STYLE_AND_SCRIPT.findall(template)
-    return [f"'sha256-{b64encode(sha256(one.encode()).digest()).decode()}'" for one in found]
 
 
 def _pieces(value: Any) -> Iterator[str]:

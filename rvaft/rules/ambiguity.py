@@ -5,10 +5,10 @@ from collections.abc import Container, Iterator
 from functools import cache
 from itertools import combinations
 
-from rvaft.core.feasibility import ScenarioSpace, is_edge, node_of, path
+from rvaft.core.feasibility import ScenarioSpace
 from rvaft.core.overlaps import Overlaps
-from rvaft.core.property import EndInOrder, One, Part, Sequence
-from rvaft.core.scenarios import Kept
+from rvaft.core.precedence import is_edge, node_of, path
+from rvaft.core.property import EndInOrder, Kept, One, Part, Sequence
 from rvaft.model.patterns import Anything, Pattern, Variable, substitute, walk
 from rvaft.model.tree import RVAFT
 from rvaft.rules.rule import RuleReport

@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator
 from itertools import combinations, islice, pairwise
 from typing import TypeAlias
 
-from rvaft.core.feasibility import ScenarioSpace, node_of
-from rvaft.core.property import Condition
-from rvaft.core.scenarios import Kept
+from rvaft.core.feasibility import ScenarioSpace
+from rvaft.core.precedence import node_of
+from rvaft.core.property import Condition, Kept
 from rvaft.core.solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.model.guards import Guard, Operation, Operator, conjuncts, time_points, variables
 from rvaft.rules.rule import RuleReport, branch_of

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from rvaft.core.feasibility import node_of
-from rvaft.core.property import AtLeast, One
-from rvaft.core.scenarios import Kept
+from rvaft.core.precedence import node_of
+from rvaft.core.property import AtLeast, Kept, One
 from rvaft.model.nodes import Place
 from rvaft.support.wording import listing
 

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 from typing import Final
 
-from rvaft.core.feasibility import ScenarioSpace, borne_surely, inevitable, node_of
-from rvaft.core.property import Condition, Part
-from rvaft.core.scenarios import Kept
+from rvaft.core.feasibility import ScenarioSpace, borne_surely, inevitable
+from rvaft.core.precedence import node_of
+from rvaft.core.property import Condition, Kept, Part
 from rvaft.model.guards import time_points, variables
 from rvaft.model.nodes import Node
 from rvaft.model.patterns import Anything, rigid_variables

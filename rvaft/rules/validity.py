@@ -5,8 +5,8 @@ from operator import attrgetter
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
-from rvaft.core.branches import alternatives, restrict
 from rvaft.core.feasibility import ScenarioSpace
+from rvaft.core.restriction import alternatives, restrict
 from rvaft.errors import TreeError, one_of
 from rvaft.language.draft import Draft
 from rvaft.model.nodes import Kind

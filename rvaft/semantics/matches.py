@@ -9,8 +9,8 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
 from rvaft.semantics.events import Binding, time_of
 from rvaft.semantics.reference import (
-    Observed,
     Partial,
+    TraceStep,
     chosen_scenarios,
     decided,
     guards_hold,
@@ -46,7 +46,7 @@ def matches(
     """
     found, left = set[Match](), limit
     late, numbered = _late(tree, trace), enumerate(trace, 1)
-    past = [Observed(event, time_of(tree.time, event), position in late) for position, event in numbered]
+    past = [TraceStep(event, time_of(tree.time, event), position in late) for position, event in numbered]
     for scenario in chosen_scenarios(tree, branch, kind) if scenarios is None else scenarios:
         for positions in _windows(tree, semantics, trace, len(scenario.occurrences)):
             for match, tried in _served(scenario, trace, positions, past, left):
@@ -86,7 +86,7 @@ def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int)
 
 
 def _served(
-    scenario: Scenario, trace: Sequence[Any], positions: Sequence[int], past: Sequence[Observed], limit: int
+    scenario: Scenario, trace: Sequence[Any], positions: Sequence[int], past: Sequence[TraceStep], limit: int
 ) -> Iterator[tuple[Match | None, int]]:
     """Iterate over the matches, each with the number of events tried since the last match.
 

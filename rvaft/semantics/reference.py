@@ -48,7 +48,7 @@ class Partial(NamedTuple):
         return self.scenario, self.order, self.assigned, values, times, places
 
 
-class Observed(NamedTuple):
+class TraceStep(NamedTuple):
     """One event of the trace, or None where only time has passed; its time, and whether it is late."""
 
     event: Any
@@ -82,7 +82,7 @@ class Reference(Monitor):
         self._starts = [Partial(scenario, order, frozenset(), {}, {}) for scenario, order in numbers]
         self._partials = {partial.key: partial for partial in self._starts}
         self._latest: int | None = None
-        self._past: tuple[Observed, ...] = ()
+        self._past: tuple[TraceStep, ...] = ()
         """All events of the trace, if the tree has absent events."""
         self._absences = any(node.without for scenario in self.scenarios for node in scenario.nodes)
 
@@ -103,7 +103,7 @@ class Reference(Monitor):
         if self.verdict is Verdict.UNKNOWN and self.tree.time is not None:
             now = self.tree.time.now(time)
             self._is_late(now)
-            self._verdict = self._after_event(dict(self._partials), Observed(None, now, late=False))
+            self._verdict = self._after_event(dict(self._partials), TraceStep(None, now, late=False))
         return self.verdict
 
     def finish(self) -> Verdict:
@@ -119,9 +119,9 @@ class Reference(Monitor):
         time = time_of(self.tree.time, event)
         late = self._is_late(time)
         found = {partial.key: partial for partial in self._after(event, time, late=late)}
-        return self._after_event(found, Observed(event, time, late))
+        return self._after_event(found, TraceStep(event, time, late))
 
-    def _after_event(self, found: dict[Hashable, Partial], last: Observed) -> Verdict:
+    def _after_event(self, found: dict[Hashable, Partial], last: TraceStep) -> Verdict:
         if self._absences:
             self._past = (*self._past, last)
             whole = [(key, one, self.scenarios[one.scenario]) for key, one in found.items()]
@@ -246,7 +246,7 @@ def _differ(pairs: Sequence[tuple[Any, Any]]) -> bool:
     return False
 
 
-def unbroken(scenario: Scenario, partial: Partial, past: Sequence[Observed]) -> bool:
+def unbroken(scenario: Scenario, partial: Partial, past: Sequence[TraceStep]) -> bool:
     """Return whether no position breaks a `without`, as far as the events of its part are there.
 
     Clause: a position breaks the clause if the match does not use it, its event is not late, matches,
@@ -286,7 +286,7 @@ def _matches(tree: RVAFT, clause: Without, event: Any, binding: Binding) -> bool
     return any(clause.when is None or holds(clause.when, one) for one in found)
 
 
-def decided(scenario: Scenario, partial: Partial, past: Sequence[Observed]) -> bool:
+def decided(scenario: Scenario, partial: Partial, past: Sequence[TraceStep]) -> bool:
     """Clause: true needs a match all of whose clauses are decided."""
     return all(
         clause.side is not Side.AFTER or decision(scenario, partial, past, clause, events) is not None
@@ -295,7 +295,7 @@ def decided(scenario: Scenario, partial: Partial, past: Sequence[Observed]) -> b
 
 
 def decision(
-    scenario: Scenario, partial: Partial, past: Sequence[Observed], clause: Without, events: frozenset[str]
+    scenario: Scenario, partial: Partial, past: Sequence[TraceStep], clause: Without, events: frozenset[str]
 ) -> int | None:
     """Return the place that decides `for D after`, or None.
 

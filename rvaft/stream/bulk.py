@@ -10,9 +10,10 @@ from operator import eq, itemgetter
 from sys import float_info
 from typing import Final, TypeAlias, TypeVar
 
-from rvaft.core.classifier import GuardTable, PatternIndex, key_at
+from rvaft.core.guard_table import GuardTable
+from rvaft.core.pattern_index import PatternIndex, key_at
 from rvaft.model.event_time import EventTime
-from rvaft.model.values import Json, JsonObject, exact
+from rvaft.model.values import OWN_TYPES, Json, JsonObject, exact
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.monitor_set import MonitorSet
 from rvaft.stream.statistics import EventKind, EventTypeIndex
@@ -20,7 +21,6 @@ from rvaft.stream.statistics import EventKind, EventTypeIndex
 FEW_VALUES: Final = 16
 """Maximum number of distinct values that are tested instead of all events."""
 _NUMBERS: Final = frozenset({int, float})
-_OWN_KEYS: Final = frozenset({str, int})
 """Types whose values compare as themselves."""
 _LARGEST: Final = float_info.max
 H = TypeVar("H")
@@ -182,7 +182,7 @@ def changes_nothing(monitors: MonitorSet, group: EventGroup, event_kind: EventKi
         if fields is None:
             return None
         values = [
-            group.values(field) if group.types(field) <= _OWN_KEYS else [*map(exact, group.values(field))]
+            group.values(field) if group.types(field) <= OWN_TYPES else [*map(exact, group.values(field))]
             for field in fields
         ]
         if not all(name in inert.known for name in zip([letter] * len(group.events), *values, strict=True)):

@@ -43,10 +43,10 @@ from rvaft.readers.log import failures_of, unreadable
 from rvaft.stream.data_warnings import DataWarning, DataWarnings, Doubt
 from rvaft.stream.follow import FollowedFile
 from rvaft.stream.keys import Field
-from rvaft.stream.listeners import MonitoredTrace, TraceState
 from rvaft.stream.monitor_set import DetectionCount
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.statistics import NearMissCount, Statistics
+from rvaft.stream.verdict_change import MonitoredTrace, TraceState
 from rvaft.support.files import SUFFIXES, error_context, opened, write_whole
 from rvaft.support.plugins import version
 

@@ -12,7 +12,8 @@ from enum import StrEnum
 from itertools import chain, product
 from typing import Final, NamedTuple
 
-from rvaft.core.classifier import Values, flat, reader
+from rvaft.core.letters import Values, reader
+from rvaft.core.pattern_index import flat
 from rvaft.model.assumptions import AssumptionCheck
 from rvaft.model.event_time import UNITS, Jump, duration_text
 from rvaft.model.expressions import guard_text
@@ -22,8 +23,8 @@ from rvaft.model.patterns import variables as pattern_variables
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, at
 from rvaft.readers.json_lines import NonFiniteEvent, described
-from rvaft.stream.detection import counted
 from rvaft.stream.statistics import UNSEEN, EventKind, EventTypeIndex
+from rvaft.support.wording import counted
 
 MOST: Final = 20
 _ANY: Final = (1, "a", True)

@@ -8,7 +8,8 @@ only counted.
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from typing import Final
 
-from rvaft.core.classifier import Decided, FirstLiterals, GuardTable, PatternIndex, literals_of
+from rvaft.core.guard_table import GuardTable
+from rvaft.core.pattern_index import Decided, FirstLiterals, PatternIndex, literals_of
 from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json, JsonObject
 from rvaft.stream.bulk import EventGroup, by_shape, split

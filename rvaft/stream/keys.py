@@ -9,18 +9,17 @@ from operator import itemgetter
 from typing import Final, Self, TypeAlias, cast
 
 from rvaft.errors import OptionError, TooLarge
-from rvaft.model.values import Exact, Json, JsonObject, at, is_finite
+from rvaft.model.values import OWN_TYPES, Exact, Json, JsonObject, at, is_finite
 from rvaft.model.values import key as value_key
 from rvaft.readers.json_lines import NonFiniteEvent
-from rvaft.stream.detection import counted
-from rvaft.stream.listeners import MonitoredTrace
+from rvaft.stream.verdict_change import MonitoredTrace
+from rvaft.support.wording import counted
 
 MAX_KEYS: Final = 100_000
 """Default maximum number of values of a key."""
 MAX_DISTINCT: Final = 100_000
 """Default number of ids that are remembered."""
 _ABSENT: Final = object()
-_OWN_KEYS: Final = frozenset({str, int})
 """Types whose values serve as dictionary keys."""
 
 
@@ -130,7 +129,7 @@ class KeyedTraces:
         plain: tuple[Json, ...] = ()
         if type(event) is dict and self.names:
             plain = tuple([event.get(name) for name in self.names])
-            if not _OWN_KEYS.issuperset(map(type, plain)):
+            if not OWN_TYPES.issuperset(map(type, plain)):
                 plain = ()
             elif (known := self.known.get(plain)) is not None:
                 return known

@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, TypeAlias, cast
 
 from rvaft.model.event_time import JUMPS, NUMERIC, UNITS, EventTime, Jump, TimeFormat
 from rvaft.model.values import Json
-from rvaft.stream.listeners import MonitoredTrace
+from rvaft.stream.verdict_change import MonitoredTrace
 
 WAITING: Final = 128
 """Maximum number of batches whose times the engines are not told yet."""

@@ -10,8 +10,8 @@ from typing import Final, Generic, TypeAlias, TypeVar
 
 from rvaft.model.event_time import EventTime, TimeFormat
 from rvaft.model.values import Json, JsonObject, is_number
-from rvaft.stream.detection import counted
 from rvaft.stream.keys import Field
+from rvaft.support.wording import counted
 
 E = TypeVar("E")
 Place: TypeAlias = int | float

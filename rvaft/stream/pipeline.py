@@ -17,7 +17,7 @@ from typing import Final, TypeVar, cast
 
 import msgspec
 
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.values import Json, JsonObject
 from rvaft.readers.json_lines import NonFiniteEvent, marked

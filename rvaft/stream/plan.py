@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Self
 
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.model.assumptions import AssumptionCheck
 from rvaft.stream.data_warnings import DataWarnings
 from rvaft.stream.keys import MAX_DISTINCT, MAX_KEYS, Field, Key

@@ -25,13 +25,15 @@ from rvaft.monitors import Monitor
 from rvaft.readers.log import Batch
 from rvaft.stream.bulk import EventGroup, Groups, changes_nothing, groups, needs_no_warning
 from rvaft.stream.data_warnings import DataWarnings, checked
-from rvaft.stream.detection import counted
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.keys import DistinctEvents, DistinctState, KeyedBatch, KeyedTraces
 from rvaft.stream.lateness import WAITING, BatchLateness, KeyedTimes, lateness, numbered_jumps
-from rvaft.stream.listeners import Audience, EventBuffer, Listener, MonitoredTrace, TraceState, VerdictChange, time_told
+from rvaft.stream.listeners import Audience, Listener
 from rvaft.stream.order import Backwards, Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan, Totals
 from rvaft.stream.statistics import EventKind, Statistics
+from rvaft.stream.verdict_change import MonitoredTrace, TraceState, VerdictChange, time_told
+from rvaft.support.wording import counted
 
 FEW: Final = 32
 """Smaller blocks are not batches; also the maximum pause after failures."""

@@ -12,7 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias, cast
 
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import RvaftError
 from rvaft.model.nodes import Assumption
 from rvaft.model.values import Json, JsonObject

@@ -8,20 +8,11 @@ from functools import cached_property
 from itertools import chain
 from typing import Final, cast
 
-from rvaft.core.branches import whole
-from rvaft.core.classifier import (
-    Decided,
-    Discriminators,
-    GuardTable,
-    Letter,
-    PatternIndex,
-    TreeReads,
-    brief,
-    guard_table,
-    joined_tables,
-    literals_of,
-    reader,
-)
+from rvaft.core.fields_to_read import TreeReads
+from rvaft.core.guard_table import GuardTable, guard_table, joined_tables
+from rvaft.core.letters import Letter, reader
+from rvaft.core.pattern_index import Decided, Discriminators, PatternIndex, brief, literals_of
+from rvaft.core.restriction import whole
 from rvaft.engine.compiled_tree import EventClass, TreeLetters
 from rvaft.model.expressions import on_text, pattern_text
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, match

@@ -10,16 +10,17 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Final, NamedTuple, TypeAlias
 
-from rvaft.core.classifier import Scope
+from rvaft.core.fields_to_read import Scope
 from rvaft.errors import OptionError, RvaftError, ToolFailed
 from rvaft.model.values import JsonObject
 from rvaft.model.values import key as value_key
 from rvaft.readers.log import LogReader
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.listeners import EventBuffer, MonitoredTrace, VerdictChange
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import LOOKED_AT, Statistics
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.support.collector import no_collections
 from rvaft.support.plugins import entry_points
 

@@ -180,8 +180,8 @@ def finish() -> None:
         sys.stderr.finish()
 
 
-def waits(wait: Callable[[float], object], timeout: float, patience: float = PATIENCE) -> None:
-    """Wait in short steps, up to a timeout, or until so many seconds after a requested stop.
+def waits(wait: Callable[[float], object], timeout: float) -> None:
+    """Wait in short steps, up to a timeout, or until `PATIENCE` seconds after a requested stop.
 
     `wait` gets the seconds of a step, and raises `TimeoutError` if that was too short. Raises
     `TimeoutError`, too.
@@ -191,7 +191,7 @@ def waits(wait: Callable[[float], object], timeout: float, patience: float = PAT
         try:
             wait(min(_POLL, max(until - monotonic(), 0)))
         except TimeoutError:
-            if monotonic() >= until or STOP.passed(patience):
+            if monotonic() >= until or STOP.passed(PATIENCE):
                 raise
         else:
             return

@@ -22,7 +22,7 @@ def version() -> str:
     return found
 
 
-def plugin(group: str, name: str) -> Any:
-    """Return what a higher layer provides under this name."""
-    (found,) = entry_points(group=group, name=name)
+def display(name: str) -> Any:
+    """Return the function of a higher layer that displays a tree or a branch."""
+    (found,) = entry_points(group="rvaft.displays", name=name)
     return found.load()

@@ -1,10 +1,19 @@
-"""Wording that messages share: lists of names, and a similar name for an unknown one."""
+"""Wording that messages share: counts, lists of names, and a similar name for an unknown one."""
 
 from collections.abc import Iterable, Sequence
 from typing import Final
 
 _SHOWN: Final = 8
 _COMPARED: Final = 2_000
+
+
+def counted(count: int, what: str = "event") -> str:
+    """Return a count with its noun.
+
+    >>> counted(2), counted(1, "detection")
+    ('2 events', '1 detection')
+    """
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def listing(names: Sequence[str], conjunction: str = "and") -> str:

@@ -5,13 +5,13 @@ from typing import Any, ClassVar
 
 import pytest
 
-from backends.conformance import GROUPS
+from backends.conformance.trees import GROUPS
 from rvaft import Backend, Metrics, NotExpressible, Semantics, ToolFailed, loads, translate
 from rvaft.backend import SpecificationText, backend
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value, described, table
-from rvaft.core.branches import restrict
 from rvaft.core.passes import expand_times, order_ends, windows_to_guards
 from rvaft.core.property import PARTS, All, Condition, Event, Property
+from rvaft.core.restriction import restrict
 from rvaft.errors import Cause, Reason, WrongType, cannot, unwritten
 from rvaft.model.guards import Operator
 from tests.cli.runs import run

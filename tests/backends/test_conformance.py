@@ -12,7 +12,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from backends import conformance
-from backends.conformance import AT_A, EVENTS, Required, examples
+from backends.conformance import Required, examples
+from backends.conformance import trees as suite_trees
+from backends.conformance.trees import AT_A, DECISIVE, EVENTS, GROUPS
 from backends.rml import RmlBackend, writer
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import random_tree
@@ -32,9 +34,9 @@ from rvaft import (
 )
 from rvaft.backend import Observed, SpecificationText, backend
 from rvaft.capabilities import EVERY_OPERATOR, JSON_VALUES, Feature, Ties
-from rvaft.core.branches import restrict
 from rvaft.core.build import build
 from rvaft.core.property import PARTS, Part, Property
+from rvaft.core.restriction import restrict
 from rvaft.errors import unwritten
 from rvaft.model.event_time import TextFormat
 from rvaft.model.guards import Operation, Operator, walk
@@ -258,13 +260,13 @@ def test_rows_have_every_operator_and_every_part() -> None:
 
 @pytest.mark.parametrize(("group", "name"), [("operator", "abs"), ("construct", "pand"), ("construct", "late")])
 def test_without_its_row_the_suite_does_not_load(group: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    fewer = {one: {key: row for key, row in some.items() if key != name} for one, some in conformance.GROUPS.items()}
+    fewer = {one: {key: row for key, row in some.items() if key != name} for one, some in GROUPS.items()}
     monkeypatch.setattr("tomllib.loads", lambda _: fewer)
     with pytest.raises(AssertionError, match=name):
-        runpy.run_path(str(conformance.__file__))
-    monkeypatch.setattr("tomllib.loads", lambda _: {**fewer, group: {**conformance.GROUPS[group], "unheard of": {}}})
+        runpy.run_path(str(suite_trees.__file__))
+    monkeypatch.setattr("tomllib.loads", lambda _: {**fewer, group: {**GROUPS[group], "unheard of": {}}})
     with pytest.raises(AssertionError, match="unheard of"):
-        runpy.run_path(str(conformance.__file__))
+        runpy.run_path(str(suite_trees.__file__))
 
 
 def without_guards(tree: RVAFT) -> RVAFT:
@@ -318,7 +320,7 @@ MISREADINGS += [("px(1)", 'px("1")'), ("px(1)", "px(true)"), ("X == 1", 'X == "1
 def test_what_is_easily_misread_has_an_example(right: str, wrong: str) -> None:
     """On the events of some example, in their order, which every run tries, the misreading has other verdicts."""
     found = set()
-    for event, value in conformance.DECISIVE.values():
+    for event, value in DECISIVE.values():
         trees = [loads(f"{EVENTS} toplevel r; {AT_A}{text};") for text in (event, event.replace(right, wrong, 1))]
         for semantics in Semantics:
             one, other = (list(Reference(tree, semantics).run([{"x": value}, {"y": 1}])) for tree in trees)

@@ -8,7 +8,7 @@ from typing import Any, Final
 import pytest
 
 from backends.c.library import compiler
-from backends.conformance import asks_of_strings
+from backends.conformance.requirements import asks_of_strings
 from cross_check.generate.trees import PLAIN, VARIABLE_FREE, Shape
 from cross_check.participants import detected, detections
 from rvaft import RVAFT, Backend, Gate, Monitor, Node, NotExpressible, Semantics, TooLarge, Verdict, dumps, loads

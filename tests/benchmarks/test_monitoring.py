@@ -32,8 +32,7 @@ from typing import Any, Final, cast
 import orjson
 import pytest
 
-from backends.mfotl import monpoly
-from backends.mtl import r2u2
+from cross_check.published import monpoly, r2u2
 from rvaft import RVAFT, Monitor, NotExpressible, Semantics, Verdict, load, loads, monitor, translate
 from rvaft.backend import backend
 from rvaft.cli import main

@@ -57,7 +57,7 @@ def test_values_cannot_steer_the_terminal(tmp_path: Path) -> None:
 
 
 def test_events_of_a_stream_that_are_forgotten_are_not_made_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvaft.stream.listeners.BOUND", 2)
+    monkeypatch.setattr("rvaft.stream.event_buffer.BOUND", 2)
     data = ROW1.read_text(encoding="utf-8")
     said = run("monitor", PRUNED, data=data).stdout
     assert "  event 1 (no longer stored) is ev1" in said

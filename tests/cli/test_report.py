@@ -16,9 +16,9 @@ from rvaft import Semantics
 from rvaft.export.svg import svg_text
 from rvaft.readers.log import open_log
 from rvaft.reports import log_report
-from rvaft.stream import listeners, pipeline
+from rvaft.stream import event_buffer, pipeline
 from rvaft.stream.data_warnings import DataWarnings
-from rvaft.stream.listeners import EventBuffer
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.monitor_set import MonitorSet, columns
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
@@ -226,7 +226,7 @@ def test_events_are_on_the_page_in_full(tmp_path: Path, suffix: str) -> None:
 def test_events_of_detections_that_are_no_longer_stored_are_read_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, keyed: tuple[str, ...]
 ) -> None:
-    monkeypatch.setattr(listeners, "BOUND", 1)
+    monkeypatch.setattr(event_buffer, "BOUND", 1)
     rows = [("a", "x"), ("a", "y"), ("b", "y"), ("b", "x"), ("c", "x"), ("c", "y")]
     text = "".join(f"{json.dumps({'event': event, 'who': who, 'n': n})}\n" for n, (event, who) in enumerate(rows, 1))
     log = written(tmp_path / "log.jsonl", text)

@@ -11,8 +11,8 @@ import pytest
 from rvaft import Semantics, ToolMissing, all_backends, load, loads, to_dot, translate
 from rvaft.backend import backend
 from rvaft.core.branches import branches
+from rvaft.export import Format
 from rvaft.export.drawing import draw
-from rvaft.export.formats import Format
 from rvaft.export.property_text import align_latex
 from tests.cli.runs import FULL, PRUNED, SAND, run
 from tests.tex import unsound

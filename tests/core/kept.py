@@ -1,8 +1,7 @@
 """Scenarios of a property and of the reference, turned into each other."""
 
 from rvaft import RVAFT
-from rvaft.core.property import Property
-from rvaft.core.scenarios import Kept
+from rvaft.core.property import Kept, Property
 from rvaft.semantics import Scenario
 
 

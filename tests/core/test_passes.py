@@ -10,9 +10,9 @@ from cross_check.generate.traces import NoTraceFound, guided, random_trace
 from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Kind, Semantics, TooLarge, TreeError
 from rvaft.core import passes
-from rvaft.core.branches import branches, restrict
-from rvaft.core.passes import property_of
+from rvaft.core.branches import branches
 from rvaft.core.property import Property
+from rvaft.core.restriction import property_of, restrict
 from rvaft.semantics import Reference
 from rvaft.semantics.properties import PropertyReference
 from tests.engine.checking import small_valid_trees

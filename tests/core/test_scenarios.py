@@ -10,19 +10,10 @@ import pytest
 
 from rvaft import RVAFT, TooLarge
 from rvaft.core.build import build
-from rvaft.core.feasibility import (
-    Edge,
-    Resolutions,
-    ScenarioSpace,
-    fewest_events,
-    inevitable,
-    most_scenarios,
-    path,
-    precedence,
-    standstill,
-)
-from rvaft.core.passes import restrict
+from rvaft.core.feasibility import Resolutions, ScenarioSpace, fewest_events, inevitable, most_scenarios
+from rvaft.core.precedence import Edge, path, precedence, standstill
 from rvaft.core.property import EndInOrder, Property, Source
+from rvaft.core.restriction import restrict_property
 from rvaft.core.scenarios import resolutions
 from rvaft.core.scenarios import scenarios as of_property
 from rvaft.model.guards import holds, variables
@@ -90,7 +81,7 @@ def test_scenarios_of_all_small_trees_and_random_ones() -> None:
             assert set(meanings(prop)) == of_reference(feasible_scenarios(tree)), tree.nodes
             for number, branch in islice(enumerate(branches(tree), 1), 5):
                 chosen = [scenario for scenario in feasible_scenarios(tree) if of_branch(scenario, branch)]
-                assert set(meanings(restrict(prop, branch_number=number))) == of_reference(chosen), tree.nodes
+                assert set(meanings(restrict_property(prop, branch=number))) == of_reference(chosen), tree.nodes
                 compared += len(chosen)
     assert compared > 100
 

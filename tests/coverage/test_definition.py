@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rvaft import RVAFT, TreeError, Verdict, loads
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.coverage import BranchCoverage, Coverage
 from rvaft.model.nodes import Side
 from rvaft.readers.json_lines import read

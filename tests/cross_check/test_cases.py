@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from cross_check.counterexamples import Case, CaseError, case_folders, case_name, load, save
 from cross_check.generate.strategies import trees_with_traces
 from rvaft import RVAFT, Gate, Kind, Node, RvaftError, Semantics, TraceError, Verdict, dumps, loads
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.model.patterns import Literal
 from rvaft.model.values import Json
 from tests.tables import rows, spelled

@@ -30,7 +30,7 @@ from cross_check.generate.traces import (
 )
 from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Gate, Node, Semantics, Verdict, load, loads, monitor
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.core.solver import witness
 from rvaft.engine import Engine
 from rvaft.model.values import Json

@@ -13,12 +13,13 @@ import pytest
 
 from backends import conformance
 from backends.conformance import examples
-from cross_check.participants import MONA, Absent, Participant, translated
+from cross_check.judges import MONA, mona_of
+from cross_check.participants import Absent, Participant
+from cross_check.published.mona import MonaMonitor
 from rvaft import (
     LanguageError,
     Monitor,
     NotExpressible,
-    OptionError,
     Semantics,
     TooLarge,
     ToolFailed,
@@ -26,7 +27,6 @@ from rvaft import (
     Verdict,
     loads,
 )
-from rvaft.backend import backend
 from rvaft.semantics import Reference
 from tests.backends import ltlf
 from tests.tables import rows
@@ -42,7 +42,7 @@ needs_mona = pytest.mark.skipif(
 
 
 def by_mona(text: str) -> Monitor:
-    return backend("ltlf").read_with("mona", text)
+    return MonaMonitor(text)
 
 
 @needs_mona
@@ -66,7 +66,7 @@ def test_emitted_formulas_have_the_verdicts_of_the_reference() -> None:
     found = set()
     for example in [*examples()][::32]:
         for semantics in Semantics:
-            one = translated("ltlf", example.tree, semantics, tool="mona")
+            one = mona_of(example.tree, semantics)
             if isinstance(one, Absent):
                 assert example.tree.variables or semantics is Semantics.CONSECUTIVE or example.tree.time
                 assert one.status == "not expressible"
@@ -81,7 +81,7 @@ def test_emitted_formulas_have_the_verdicts_of_the_reference() -> None:
 
 @needs_mona
 def test_monitors_of_one_text_share_their_states_and_do_not_feel_each_other() -> None:
-    participant = translated("ltlf", loads("r sand a b;"), Semantics.PROJECTED, tool="mona")
+    participant = mona_of(loads("r sand a b;"), Semantics.PROJECTED)
     assert isinstance(participant, Participant)
     assert participant.name == MONA
     one, other = participant.start(), participant.start()
@@ -100,7 +100,7 @@ def test_variables_are_not_expressible() -> None:
 
 @needs_ltlf2dfa
 def test_many_atoms_and_large_formulas_are_too_large() -> None:
-    absent = translated("ltlf", loads(f"r and {' '.join('abcdefghi')};"), Semantics.SCATTERED, tool="mona")
+    absent = mona_of(loads(f"r and {' '.join('abcdefghi')};"), Semantics.SCATTERED)
     assert isinstance(absent, Absent)
     assert absent.status == "too large"
     assert "9 atoms" in str(absent.error)
@@ -110,19 +110,15 @@ def test_many_atoms_and_large_formulas_are_too_large() -> None:
         by_mona("X[!] " * 1_500 + "a")
 
 
-def test_malformed_formulas_and_unknown_tools() -> None:
+def test_malformed_formulas() -> None:
     with pytest.raises(LanguageError):
         by_mona("a &")
-    with pytest.raises(OptionError, match="no tool lamaconv runs ltlf; known: mona"):
-        backend("ltlf").read_with("lamaconv", "a")
-    with pytest.raises(OptionError, match="known: none"):
-        backend("rml").read_with("mona", "Main = empty;")
 
 
 @needs_ltlf2dfa
 def test_without_mona_there_is_no_automaton(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    absent = translated("ltlf", loads("only sand no mona;"), Semantics.STRICT, tool="mona")
+    absent = mona_of(loads("only sand no mona;"), Semantics.STRICT)
     assert isinstance(absent, Absent)
     assert absent.status == "tool missing"
     assert "mona is not installed: install the program mona" in str(absent.error)
@@ -151,6 +147,6 @@ def test_a_mona_that_fails_or_comes_to_no_end(
     (tmp_path / "mona").write_text(f"#!/bin/sh\n{script}\n")
     (tmp_path / "mona").chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    monkeypatch.setattr("backends.ltlf.mona.SECONDS", 1 if error is TooLarge else 30)
+    monkeypatch.setattr("cross_check.published.mona.SECONDS", 1 if error is TooLarge else 30)
     with pytest.raises(error, match=reason):
         by_mona(f"a & failing_{len(script)}")

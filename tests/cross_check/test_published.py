@@ -14,7 +14,7 @@ import pytest
 from backends.conformance import examples
 from cross_check.generate.traces import random_trace
 from cross_check.participants import Answer
-from cross_check.published_monitor import run
+from cross_check.published.rml_monitor import run
 from rvaft import LanguageError, NotExpressible, Semantics, ToolFailed, ToolMissing, Verdict, load, loads
 from rvaft.backend import backend
 from rvaft.model.values import Json

@@ -20,7 +20,7 @@ from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
 from cross_check.shrink import NotReproduced, shrink
 from rvaft import RVAFT, Gate, Node, NotExpressible, OptionError, TreeError, Verdict, dumps, load, loads
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.engine import Engine
 from rvaft.errors import unwritten
 from rvaft.model.guards import time_points

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.engine import Engine
 from rvaft.errors import TreeError
 from rvaft.model.nodes import Kind, Side
@@ -14,7 +14,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
 from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
 from rvaft.semantics.events import time_of
-from rvaft.semantics.reference import Observed, Partial, decided, guards_hold, observed, relevant, unbroken
+from rvaft.semantics.reference import Partial, TraceStep, decided, guards_hold, observed, relevant, unbroken
 from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices, several
 
 Trace = Sequence[dict[str, Any]]
@@ -146,7 +146,7 @@ def _is_match(scenario: Scenario, explanation: Explanation, prefix: Trace) -> bo
     whole = [Partial(0, 0, scenario.occurrences, one, times, places) for one in told]
     punctual = in_time(scenario.tree, prefix)
     past = [
-        Observed(event, time_of(scenario.tree.time, event), position not in punctual)
+        TraceStep(event, time_of(scenario.tree.time, event), position not in punctual)
         for position, event in enumerate(prefix, 1)
     ]
     holding = (

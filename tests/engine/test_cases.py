@@ -3,7 +3,7 @@
 import pytest
 
 import rvaft
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.engine import Engine
 from rvaft.model.verdict import Semantics, Verdict
 from tests.engine.checking import compare, matched_occurrences

@@ -10,7 +10,7 @@ import pytest
 
 import rvaft
 from cross_check.generate.traces import random_trace
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.engine import Engine
 from rvaft.errors import TreeError
 from rvaft.model.nodes import Kind

@@ -9,7 +9,7 @@ from random import Random
 
 import pytest
 
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.engine import Engine, stages
 from rvaft.errors import TreeError
 from rvaft.model.verdict import Semantics, Verdict

@@ -9,7 +9,7 @@ import pytest
 
 import rvaft
 from rvaft import RVAFT, Explanation, Kind, TreeError, load, loads, to_dot
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.engine import Engine
 from rvaft.export.dot import picture
 from rvaft.export.drawing import fired_dot, fired_text

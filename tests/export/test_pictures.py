@@ -15,9 +15,9 @@ from xml.dom import minidom
 import pytest
 
 from rvaft import RVAFT, Gate, Kind, Node, ToolFailed, ToolMissing, load, loads, to_dot
+from rvaft.export import Format
 from rvaft.export.dot import picture
 from rvaft.export.drawing import draw
-from rvaft.export.formats import Format
 from rvaft.export.layout import WIDTH, looking, wrapped
 from tests.cli.runs import FULL, TREES, written
 from tests.export.geometry import measured, needs_dot, overlaps, pdf_width

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from rvaft import RVAFT, Node, OptionError, TreeError, load, loads, to_dot
+from rvaft.export import Format, format_of
 from rvaft.export.drawing import draw
-from rvaft.export.formats import Format, format_of
 from rvaft.export.galileo_text import losses
 from rvaft.export.layout import Look, looking, wrapped, wrapped_code
 from rvaft.export.text import MAX_LEVELS

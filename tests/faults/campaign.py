@@ -31,7 +31,7 @@ from cross_check.traces import Effort, letters_of, trials
 from papers.languages.measurement import limit_memory
 from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict
 from rvaft.backend import backend
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.model.assumptions import first_violation
 from rvaft.model.nodes import Assumption
 from rvaft.model.values import is_finite

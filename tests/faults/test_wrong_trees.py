@@ -25,7 +25,7 @@ from cross_check.participants import (
 from cross_check.results import Job, Result, Status
 from rvaft import RVAFT, Monitor, Semantics, Verdict
 from rvaft.backend import backend
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.model.values import Json
 from tests.faults.wrong_trees import MISREADINGS, MISTAKES
 from tests.tables import rows, sampled

@@ -31,7 +31,7 @@ from cross_check.participants import (
     verdicts_of,
 )
 from rvaft import RVAFT, Kind, RvaftError, Semantics, Verdict, loads
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.export.certificates import PROGRAM
 from rvaft.model.values import is_finite
 from rvaft.support.terminal import columns

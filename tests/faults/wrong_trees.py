@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias
 
 from cross_check.generate.times import with_time
 from rvaft import RVAFT, Causality, EventType, Gate, Node, On, Side, Without
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, substitute, walk
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable

@@ -24,8 +24,8 @@ from rvaft.reports import log_report as report
 from rvaft.reports.log_report import LogReport
 from rvaft.stream import pipeline
 from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.keys import Key
-from rvaft.stream.listeners import EventBuffer
 from rvaft.stream.monitor_set import MonitorSet, columns
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun

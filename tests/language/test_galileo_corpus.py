@@ -13,8 +13,8 @@ import pytest
 
 from cross_check.generate.trees import PLAIN, random_tree
 from rvaft import RVAFT, Gate, LanguageError, RvaftError, Semantics, Severity, dumps, load, loads, monitor
+from rvaft.export import Format
 from rvaft.export.drawing import draw
-from rvaft.export.formats import Format
 from rvaft.export.galileo_text import losses
 from rvaft.language.parser import parse
 from rvaft.rules.registry import check

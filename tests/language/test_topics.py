@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rvaft import RVAFT, Node, Topic, TreeError, dumps, load, loads, monitor
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.language.parser import parse
 from rvaft.model.nodes import Place
 from tests.cli.runs import run

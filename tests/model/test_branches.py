@@ -7,7 +7,8 @@ from random import Random
 import pytest
 
 from rvaft import RVAFT, Gate, Kind, Node, TreeError, loads
-from rvaft.core.branches import alternatives, branch, branches, number_of, restrict
+from rvaft.core.branches import branch, branches, number_of
+from rvaft.core.restriction import alternatives, restrict
 from rvaft.semantics import branches as listed
 from tests.benchmarks.trees import chain
 

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Branch, EventType, Gate, Node, On, TooLarge, load, loads
-from rvaft.core.branches import branch, branches, restrict
+from rvaft.core.branches import branch, branches
+from rvaft.core.restriction import restrict
 from rvaft.export import latex
 from rvaft.export.property_text import (
     STYLE,

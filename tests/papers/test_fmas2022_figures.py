@@ -10,8 +10,8 @@ import rvaft
 from papers.fmas2022.figures import FIGURES, figures
 from papers.fmas2022.making import PRINTED
 from papers.fmas2022.places import TREES
+from rvaft.export import Format
 from rvaft.export.drawing import draw
-from rvaft.export.formats import Format
 from tests.export.geometry import measured, pdf_width
 
 pytestmark = pytest.mark.skipif(shutil.which("dot") is None, reason="needs Graphviz")

@@ -593,7 +593,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert done.exit_code == 0
     other = translate(loads("top sand a c b;"), "rml", semantics="strict")
     with monkeypatch.context() as patched:
-        patched.setattr("rvaft.cli.emit.translate", lambda *_, **__: other)
+        patched.setattr("rvaft.cli.emit._specification", lambda *_, **__: other)
         done = emit(tmp_path, SAND, *options)
     assert done.exit_code == 1
     assert done.stdout.endswith("Main = a c b all;\n")

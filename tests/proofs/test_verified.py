@@ -24,7 +24,7 @@ from cross_check.results import Job, Status
 from cross_check.traces import CATALOGUE, trials
 from rvaft import RVAFT, NotExpressible, Semantics, Verdict, loads, monitor
 from rvaft.cli import main
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.engine.monitor import Engine
 from rvaft.export.tree_json import json_text
 from rvaft.model.guards import UNDEFINED, Operation, Operator, value

@@ -240,7 +240,7 @@ def test_keys_and_order(tmp_path: Path) -> None:
 
 
 def test_what_a_match_consisted_of_is_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvaft.stream.listeners.BOUND", 2)
+    monkeypatch.setattr("rvaft.stream.event_buffer.BOUND", 2)
     log = written(
         tmp_path / "l.csv",
         "time,event\n" + "".join(f"{n},{'a' if n == 0 else 'b' if n < 9 else 'c'}\n" for n in range(10)),

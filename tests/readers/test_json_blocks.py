@@ -15,7 +15,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, TraceError, loads
-from rvaft.core.classifier import LONGEST, PatternIndex, TreeReads
+from rvaft.core.fields_to_read import TreeReads
+from rvaft.core.pattern_index import LONGEST_TEXT, PatternIndex
 from rvaft.model.patterns import ObjectPattern, match
 from rvaft.readers import json_blocks, json_lines
 from rvaft.readers.json_blocks import JsonBlockReader, plain_fields
@@ -118,7 +119,7 @@ objects = st.one_of(
     st.dictionaries(fields, deep, max_size=5),
     st.builds(
         lambda topic, rest: {"topic": topic, **rest},
-        st.sampled_from(["t", "u", "w", "T", "/t/ ", "u" + " " * LONGEST]),
+        st.sampled_from(["t", "u", "w", "T", "/t/ ", "u" + " " * LONGEST_TEXT]),
         st.dictionaries(fields.filter(lambda name: name != "topic"), deep, max_size=4),
     ),
     st.builds(lambda value: {"topic": "t", "value": value, "x": 1}, st.integers(0, 50)),
@@ -280,7 +281,7 @@ def test_long_strings_are_not_remembered() -> None:
     shapes = PatternIndex([tree.pattern("x")], lambda decided: decided)  # type: ignore[list-item]
     statistics, batches = Statistics(EventTypeIndex(tree)), fast(tree)
     for number in range(50):
-        event = {"topic": f"{number}" + "x" * LONGEST, "data": f"{number}" + "x" * LONGEST}
+        event = {"topic": f"{number}" + "x" * LONGEST_TEXT, "data": f"{number}" + "x" * LONGEST_TEXT}
         assert shapes.of(event) == ((), ())
         statistics.add(event, number)
         list(batches.read(io.BytesIO(json.dumps(event).encode()), "log"))

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import RVAFT, EventType, Ignore, Node, On, ToolMissing, TraceError, loads
-from rvaft.core.classifier import Reads, Scope, TreeReads
+from rvaft.core.fields_to_read import Reads, Scope, TreeReads
 from rvaft.model.patterns import Anything, ObjectPattern, Variable
 from rvaft.model.values import finite
 from rvaft.readers import json_lines

@@ -23,7 +23,7 @@ from hypothesis import strategies as st
 
 import rvaft
 from rvaft.cli import main
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.engine import Engine
 from rvaft.errors import CheckpointError, OptionError, TraceError
 from rvaft.model.nodes import Node
@@ -33,10 +33,10 @@ from rvaft.readers.json_lines import LinesRead, decode, read
 from rvaft.rules.validity import valid_part
 from rvaft.stream import checkpoint
 from rvaft.stream.checkpoint import Checkpoint, CheckpointFile, identity, open_at
-from rvaft.stream.detection import Hooks
-from rvaft.stream.listeners import MonitoredTrace
+from rvaft.stream.detection_commands import Hooks
 from rvaft.stream.monitor_set import MonitorSet, columns
 from rvaft.stream.order import Ordering
+from rvaft.stream.verdict_change import MonitoredTrace
 from tests.cli.runs import run, written
 from tests.tables import sampled
 
@@ -297,10 +297,10 @@ CALLS = [
     ("os", "mkdir", "{}"),
     ("os", "system", "mkdir {}"),
     ("builtins", "eval", "__import__('os').mkdir('{}')"),
-    ("rvaft.stream.detection", "os.mkdir", "{}"),  # what a module of ours imports
-    ("rvaft.stream.listeners", "Path.mkdir", "{}"),
+    ("rvaft.stream.detection_commands", "os.mkdir", "{}"),  # what a module of ours imports
+    ("rvaft.stream.event_buffer", "Path.mkdir", "{}"),
     (
-        "rvaft.stream.listeners",
+        "rvaft.stream.event_buffer",
         "Path",
         "{}",
     ),  # from here on nothing is made at once, but more is reached than should be
@@ -310,7 +310,12 @@ CALLS = [
     ("rvaft.engine_of_mine", "Engine", "{}"),
 ]
 SETS_COMMANDS = (
-    text("rvaft.stream.detection") + text("Hooks") + b"\x93N}" + text("always") + text("x") + b"s\x86b0NNN\x87."
+    text("rvaft.stream.detection_commands")
+    + text("Hooks")
+    + b"\x93N}"
+    + text("always")
+    + text("x")
+    + b"s\x86b0NNN\x87."
 )
 
 

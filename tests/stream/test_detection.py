@@ -11,8 +11,9 @@ import pytest
 
 import rvaft
 from rvaft.model.nodes import Kind
-from rvaft.stream import detection as module
-from rvaft.stream.detection import Hooks, detection
+from rvaft.stream import detection_commands as module
+from rvaft.stream.detection import detection
+from rvaft.stream.detection_commands import Hooks
 from tests.cli.runs import soon
 
 TREE = rvaft.loads(
@@ -87,7 +88,10 @@ def test_input_need_not_be_read_and_output_goes_to_standard_error(
 
 
 def test_a_monitor_without_standard_error() -> None:
-    program = "from rvaft.stream.detection import Hooks; import os; os._exit(len(Hooks('echo x').run({'kinds': []})))"
+    program = (
+        "from rvaft.stream.detection_commands import Hooks\n"
+        "import os; os._exit(len(Hooks('echo x').run({'kinds': []})))"
+    )
     words = shlex.join([sys.executable, "-c", program])
     done = subprocess.run(["/bin/sh", "-c", f"{words} 2>&-"], capture_output=True, check=False)
     assert (done.returncode, done.stdout) == (0, b"")
@@ -125,7 +129,7 @@ def test_a_command_may_leave_something_running(tmp_path: Path) -> None:
 def test_an_interrupt_ends_the_command_and_comes_through(tmp_path: Path) -> None:
     pids = tmp_path / "pids"
     program = (
-        "import sys\nfrom rvaft.stream.detection import Hooks\n"
+        "import sys\nfrom rvaft.stream.detection_commands import Hooks\n"
         "try:\n    Hooks(sys.argv[1]).run({'kinds': []})\nexcept KeyboardInterrupt:\n    print('interrupted')\n"
     )
     words = [sys.executable, "-c", program, f"sleep 0.3; echo $$ > {pids}.new; mv {pids}.new {pids}; exec sleep 60"]

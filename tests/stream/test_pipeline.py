@@ -14,12 +14,14 @@ from rvaft.errors import RvaftError, TooLarge
 from rvaft.readers import json_blocks
 from rvaft.stream import pipeline, sources
 from rvaft.stream.data_warnings import DataWarnings
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.keys import Key
-from rvaft.stream.listeners import EventBuffer, Listener, VerdictChange
+from rvaft.stream.listeners import Listener
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import Statistics
+from rvaft.stream.verdict_change import VerdictChange
 from tests.tables import sampled
 
 TREES: Final = (

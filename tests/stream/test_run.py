@@ -32,14 +32,16 @@ from rvaft.readers.json_lines import LinesRead, read
 from rvaft.stream import pipeline
 from rvaft.stream import run as run_module
 from rvaft.stream.data_warnings import DataWarnings, Doubt
+from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.keys import Field, Key
-from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange
+from rvaft.stream.listeners import Listener
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import Backwards, OrderedField, Ordering
 from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.run import TraceRun
 from rvaft.stream.sources import LogReading
 from rvaft.stream.statistics import Statistics
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import SAND, lines
 from tests.cli.runs import run as cli
@@ -222,7 +224,7 @@ def test_a_file_is_numbered_as_it_is_read(seed: int, suffix: str, tmp_path: Path
 
 
 def test_what_is_forgotten_is_looked_up_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rvaft.stream.listeners.BOUND", 3)
+    monkeypatch.setattr("rvaft.stream.event_buffer.BOUND", 3)
     log, packed = tmp_path / "log.jsonl", tmp_path / "log.gz"
     stream, file = EventBuffer(), EventBuffer(log)
     assert file.events([1]) == {}

@@ -27,7 +27,7 @@ Bound: TypeAlias = Mapping[str, Json]
 
 # Values of data expressions; `None` for wrong types and unbound variables. Integers are exact,
 # other numbers are IEEE doubles, and strings compare by code points, as in trees. The published
-# monitor uses Prolog's real constraints instead (see `deviations`).
+# monitor uses Prolog's real constraints instead (see `cross_check.published`).
 
 _MAX_BITS: Final = 100_000
 
@@ -96,7 +96,7 @@ def argument(data: s.Data, values: Bound) -> Json:
 # Matching.
 
 
-class Mark(Enum):
+class Sentinel(Enum):
     """Values that equal only themselves."""
 
     UNBOUND = auto()
@@ -104,7 +104,7 @@ class Mark(Enum):
     UNEVALUATED = auto()
 
 
-UNBOUND: Final = Mark.UNBOUND
+UNBOUND: Final = Sentinel.UNBOUND
 
 
 class EventTypes:
@@ -153,7 +153,7 @@ def _given(given: s.Parameter, bound: Bound) -> Json:
         case s.Name(name):
             return bound.get(name, UNBOUND)
         case s.Apply():
-            return Mark.UNEVALUATED
+            return Sentinel.UNEVALUATED
         case _:
             return UNBOUND
 
@@ -210,7 +210,7 @@ _ALWAYS: Final = Observed(p.ObjectPattern(()))
 """Every event is an object."""
 _NOTHING: Final = p.Literal(None)
 """A guard operand without value: operations on null are undefined."""
-_Value: TypeAlias = p.Pattern | Mark
+_Value: TypeAlias = p.Pattern | Sentinel
 _Scope: TypeAlias = Mapping[str, _Value]
 
 
@@ -228,7 +228,9 @@ class _Way:
 
     def replaced(self, by: Mapping[str, p.Pattern]) -> "_Way":
         pattern = None if self.pattern is None else p.substitute(self.pattern, by)
-        scope = {n: value if isinstance(value, Mark) else p.substitute(value, by) for n, value in self.scope.items()}
+        scope = {
+            n: value if isinstance(value, Sentinel) else p.substitute(value, by) for n, value in self.scope.items()
+        }
         return _Way(pattern, scope, tuple(_filled(guard, by) for guard in self.guards))
 
 
@@ -314,11 +316,11 @@ class _Questions:
         """Return a pattern with its scope, or None if it never matches; it makes unknown names
         local.
         """
-        if any(inner.get(name) is Mark.UNEVALUATED for name in p.variables(pattern)):
+        if any(inner.get(name) is Sentinel.UNEVALUATED for name in p.variables(pattern)):
             return None
         own = {name: p.Variable(f"_{next(self._fresh)}") for name in p.variables(pattern) if name not in inner}
         scope = {**inner, **own}
-        values = {name: value for name, value in scope.items() if not isinstance(value, Mark)}
+        values = {name: value for name, value in scope.items() if not isinstance(value, Sentinel)}
         return _Way(p.substitute(pattern, values), scope)
 
     def _outward(self, declaration: s.Declaration, use: s.TypeUse, way: _Way, scope: _Scope) -> _Way | None:
@@ -367,7 +369,7 @@ def _equal(value: _Value, wanted: _Value) -> Mapping[str, p.Pattern] | None:
     for one, other in ((value, wanted), (wanted, value)):
         if isinstance(one, p.Variable) and one.local and isinstance(other, p.Literal | p.Variable):
             return {} if one == other else {one.name: other}
-    if isinstance(value, p.Literal | p.Variable | Mark) and value == wanted:
+    if isinstance(value, p.Literal | p.Variable | Sentinel) and value == wanted:
         return {}
     if isinstance(value, p.Literal) and isinstance(wanted, p.Literal):
         return None

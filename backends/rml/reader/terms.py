@@ -187,7 +187,7 @@ class TermTable:
             case operator, data:
                 return self.make(operator, below, data)
 
-    # Normal forms, as in the published monitor apart from `t | all` (see `deviations`).
+    # Normal forms, as in the published monitor apart from `t | all` (see `cross_check.published`).
 
     def sequence(self, parts: list[RmlTerm]) -> RmlTerm:
         """Return a sequence nested to the right."""

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import count
 
-from rvaft.core.passes import property_of
 from rvaft.core.property import Property
+from rvaft.core.restriction import property_of
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import UNITS

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Final
 
 from rvaft.api import translate
-from rvaft.core.branches import alternatives
-from rvaft.core.classifier import TreeReads
 from rvaft.core.feasibility import ScenarioSpace
+from rvaft.core.fields_to_read import TreeReads
+from rvaft.core.restriction import alternatives
 from rvaft.errors import OptionError, RvaftError, installed
 from rvaft.integrations.ros.server import PORT, REMEDY
 from rvaft.model.assumptions import fields_read

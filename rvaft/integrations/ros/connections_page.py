@@ -25,10 +25,10 @@ from rvaft.integrations.ros.protocol import Session
 from rvaft.model.tree import RVAFT
 from rvaft.reports.index import Row, index_page, page_names
 from rvaft.reports.log_report import LATEST, LogReport, Messages
-from rvaft.stream.detection import counted
 from rvaft.stream.keys import Key
 from rvaft.stream.plan import MonitoringPlan
 from rvaft.support.network import own
+from rvaft.support.wording import counted
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection

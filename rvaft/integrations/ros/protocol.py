@@ -19,7 +19,7 @@ from functools import partial
 from operator import methodcaller
 from typing import Any, Final, Self
 
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.engine.monitor import repeating_engine
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Literal, ObjectPattern
@@ -31,8 +31,10 @@ from rvaft.readers.json_lines import decode, marked
 from rvaft.readers.log import BOM
 from rvaft.stream.data_warnings import DataWarnings, checked
 from rvaft.stream.detection import explained, identifying_fields, kept, matched_events
-from rvaft.stream.listeners import EventBuffer, Listener, MonitoredTrace, VerdictChange, time_told
+from rvaft.stream.event_buffer import EventBuffer
+from rvaft.stream.listeners import Listener
 from rvaft.stream.monitor_set import DetectionCount, MonitorSet, Per, columns
+from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange, time_told
 
 MAX_MESSAGE: Final = 1024 * 1024
 """Default maximum size of a message in bytes."""

@@ -20,9 +20,9 @@ from rvaft.errors import installed
 from rvaft.integrations.ros.connections_page import ConnectionsPages
 from rvaft.integrations.ros.protocol import Protocol, Session, reply_of_all
 from rvaft.model.verdict import Verdict
-from rvaft.stream.detection import counted
-from rvaft.stream.listeners import time_told
+from rvaft.stream.verdict_change import time_told
 from rvaft.support.network import LOCAL, allowed, unavailable
+from rvaft.support.wording import counted
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection

@@ -17,7 +17,7 @@ from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft import NotExpressible, Semantics, TooLarge, Verdict, load, loads, monitor
 from rvaft.backend import all_backends, backend
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.export.dot import picture
 from rvaft.support.budget import Work
 from tests.backends.texts import tree

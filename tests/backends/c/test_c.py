@@ -22,7 +22,7 @@ from cross_check.generate.disturbances import disturbed
 from cross_check.generate.traces import NoTraceFound, detecting, random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft import RVAFT, LanguageError, NotExpressible, Semantics, TooLarge, TraceError, load, loads, monitor
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import NoVerdict
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from backends.c.library import CMonitor, compile_c, compiler
 from rvaft import NoVerdict, Verdict, loads, monitor
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import decode
 from tests.backends.c.programs import BACKEND, READING, SANITIZERS, SCATTERED, TIED, program, status

@@ -7,7 +7,7 @@ import sqlite3
 from collections.abc import Sequence
 from itertools import pairwise
 
-from backends.match_recognize.flink import RowHeader
+from cross_check.published.flink import RowHeader
 from rvaft.model.values import Json
 
 QUERY = re.compile(

@@ -10,10 +10,10 @@ from random import Random
 
 import pytest
 
-from backends.match_recognize import flink
-from backends.match_recognize.flink import RowHeader
 from cross_check import comparison
 from cross_check.judges import FLINK
+from cross_check.published import flink
+from cross_check.published.flink import RowHeader
 from cross_check.results import Job, Status
 from cross_check.traces import ONE_TREE
 from rvaft import RVAFT, EventType, Gate, LanguageError, Node, On, Semantics, TooLarge, ToolFailed, ToolMissing, loads

@@ -11,8 +11,9 @@ from random import Random
 import pytest
 
 from backends.mfotl import MfotlBackend
-from backends.mfotl.monpoly import MfotlHeader, first_detections
+from backends.mfotl.predicates import MfotlHeader
 from cross_check import comparison
+from cross_check.published.monpoly import first_detections
 from cross_check.results import Job, Status
 from cross_check.traces import ONE_TREE
 from rvaft import RVAFT, RvaftError, Semantics, ToolFailed, ToolMissing, load, loads

@@ -11,10 +11,11 @@ from random import Random
 import pytest
 
 from backends.mtl import MtlBackend
-from backends.mtl.r2u2 import MtlR2u2Backend, first_detections
+from backends.mtl.r2u2 import MtlR2u2Backend
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import VARIABLE_FREE, random_tree
 from cross_check.participants import faithful_backends
+from cross_check.published.r2u2 import first_detections
 from rvaft import (
     RVAFT,
     EventType,

@@ -6,7 +6,7 @@ from random import Random
 
 import pytest
 
-from backends.conformance import _answer, _effect
+from backends.conformance.suite import _answer, _effect
 from backends.rml import RmlBackend
 from cross_check.letters import VARIABLES, letters
 from rvaft.backend import Observed

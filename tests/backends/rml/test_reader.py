@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from backends.rml import RmlBackend
 from backends.rml.reader import monitor as rules
-from backends.rml.reader.deviations import DEVIATIONS, touching
+from cross_check.published.rml_deviations import DEVIATIONS, touching
 from rvaft.errors import LanguageError, TooLarge
 from rvaft.model.values import Json
 from rvaft.monitors import Monitor

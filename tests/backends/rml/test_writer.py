@@ -8,7 +8,7 @@ import pytest
 from backends.rml import RmlBackend
 from cross_check.generate.traces import random_trace
 from rvaft.api import loads
-from rvaft.core.branches import restrict
+from rvaft.core.restriction import restrict
 from rvaft.errors import NotExpressible
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics

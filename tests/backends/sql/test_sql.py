@@ -477,11 +477,9 @@ def test_dialects_and_tools_that_are_not_there(monkeypatch: pytest.MonkeyPatch) 
     assert done.stdout.startswith("-- rvaft sql postgres\n")
     done = run("monitor", "trees/gates/and.rvaft", "--backend", "sql-postgres", "--word", "a b c")
     assert (done.exit_code, "error: sql-postgres is only emitted" in done.stderr) == (2, True)
-    with pytest.raises(OptionError, match="no tool mona runs sql; known: duckdb"):
-        SqlBackend().read_with("mona", "SELECT 1")
     monkeypatch.setitem(__import__("sys").modules, "duckdb", None)
     with pytest.raises(ToolMissing, match=r"pip install '.\[duckdb\]'"):
-        SqlBackend().read_with("duckdb", "SELECT 2 AS detected")
+        backend("sql-duckdb").read("SELECT 2 AS detected")
     assert signs(backend("sql").read("SELECT 2 AS detected FROM events WHERE pos = 2"), "a b") == "?T"
 
 

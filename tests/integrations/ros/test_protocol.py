@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
-from rvaft.core.classifier import TreeReads
+from rvaft.core.fields_to_read import TreeReads
 from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary, reply_of_all
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import decode

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from itertools import chain, combinations, product
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Self
 
 from rvaft.core.overlaps import Overlaps
 from rvaft.core.property import (
@@ -185,6 +185,30 @@ class Unit:
         return self.windows[0]
 
 
+class PositionUse(NamedTuple):
+    """For each node, whether positions matter besides times.
+
+    `inside`: the first position of a match, in a later child of a sequence. `followed`: the last one,
+    to the next child.
+    """
+
+    inside: tuple[bool, ...]
+    followed: tuple[bool, ...]
+
+    @classmethod
+    def of(cls, unit: Unit) -> Self:
+        """Return the use of positions in a unit."""
+        size = len(unit.places)
+        inside, followed = [False] * size, [False] * size
+        for node in range(1, size):
+            gate, op, before, *_ = unit.places[node]
+            timed = op is Op.SEQUENCE and unit.limits[gate] is not None
+            inside[node] = inside[gate] or (timed and before >= 0 and not unit.direct[node])
+            if timed and before >= 0 and not unit.direct[node]:
+                followed[before] = True
+        return cls(tuple(inside), tuple(followed))
+
+
 class _NotApart(Exception):
     """The matches of a tree need joins."""
 
@@ -212,12 +236,12 @@ def units(prop: Property, *, branches: bool = True, points: bool = False) -> tup
 
 def _drafted(prop: Property, *, points: bool) -> _Draft:
     """Return the tree of drafts; raises `_NotApart` for shared nodes and for guards that relate nodes."""
-    made: dict[Part, _Draft | None] = {}
+    drafts: dict[Part, _Draft | None] = {}
     taken: set[Part] = set()
     timed = list[tuple[_Draft, Guard]]()
 
     def inner(part: Part) -> list[_Draft]:
-        found = [(one, draft) for one in part.parts if (draft := made.get(one)) is not None]
+        found = [(one, draft) for one in part.parts if (draft := drafts.get(one)) is not None]
         for one, _ in found:
             if one in taken:
                 raise _NotApart
@@ -233,9 +257,9 @@ def _drafted(prop: Property, *, points: bool) -> _Draft:
             case Times(distinct=distinct) if len(distinct) > 1:
                 raise _NotApart
             case Event() | Times():
-                made[part] = _Draft(Op.LEAF, name, event=part)
+                drafts[part] = _Draft(Op.LEAF, name, event=part)
             case Condition():
-                made[part] = None
+                drafts[part] = None
             case All() | Ordered() | EndInOrder():
                 below, guards = inner(part), conditions(part)
                 single = all(isinstance(draft.event, Event) for draft in below)
@@ -243,7 +267,7 @@ def _drafted(prop: Property, *, points: bool) -> _Draft:
                 op = Op.ALL if isinstance(part, All) else Op.SEQUENCE if in_order else Op.ENDS
                 if guards and not below:
                     raise _NotApart
-                made[part] = whole = None if not below else below[0] if len(below) == 1 else _Draft(op, name, below)
+                drafts[part] = whole = None if not below else below[0] if len(below) == 1 else _Draft(op, name, below)
                 for one in guards:
                     if points and whole is not None and time_points(one.guard):
                         timed.append((whole, one.guard))
@@ -256,9 +280,9 @@ def _drafted(prop: Property, *, points: bool) -> _Draft:
                 kept = tuple("" if one.source is None else one.source.node for one in part.parts)
                 need = part.need if isinstance(part, AtLeast) else 1
                 op = Op.ONE if isinstance(part, One) else Op.AT_LEAST
-                made[part] = _Draft(op, name, below, kept, need)
+                drafts[part] = _Draft(op, name, below, kept, need)
             case Within(parts=(inside,), duration=duration):
-                made[part] = draft = made[inside]
+                drafts[part] = draft = drafts[inside]
                 taken.add(inside)
                 if draft is not None:
                     draft.window = duration if draft.window is None else min(duration, draft.window)
@@ -266,10 +290,10 @@ def _drafted(prop: Property, *, points: bool) -> _Draft:
                 raise _NotApart
             case _:
                 raise AssertionError("a window has one part")
-    root = made[prop.root]
+    root = drafts[prop.root]
     assert root is not None, "a scenario has an event"
     for place, guard in timed:
-        place.bounds += _bounds_of(guard, prop, made)
+        place.bounds += _bounds_of(guard, prop, drafts)
     return root
 
 
@@ -448,7 +472,7 @@ def _bounds(
     nodes: Sequence[_Draft], number: Mapping[int, int], parent: Sequence[int]
 ) -> tuple[tuple[UnitPoint, ...], tuple[PointBound, ...]]:
     """Return the time points of a unit and their bounds; raises `_NotApart` if a scenario may lack a point."""
-    points, found = dict[UnitPoint, int](), list[PointBound]()
+    points, bounds = dict[UnitPoint, int](), list[PointBound]()
 
     def place(point: tuple[_Draft, bool]) -> int:
         if id(point[0]) not in number:
@@ -456,8 +480,8 @@ def _bounds(
         return points.setdefault(UnitPoint(number[id(point[0])], point[1]), len(points))
 
     for node, draft in enumerate(nodes):
-        for one in draft.bounds:
-            plus, minus = place(one.plus), place(one.minus)
+        for bound in draft.bounds:
+            plus, minus = place(bound.plus), place(bound.minus)
             places = node, *(point.node for point, place in points.items() if place in (plus, minus))
             paths = list[list[int]]()
             for start in places:
@@ -470,8 +494,8 @@ def _bounds(
                 above = path[1 : path.index(top) + 1]
                 if any(nodes[gate].op in (Op.ONE, Op.AT_LEAST) for gate in above):
                     raise _NotApart
-            found.append(PointBound(top, plus, minus, one.most))
-    return tuple(points), tuple(found)
+            bounds.append(PointBound(top, plus, minus, bound.most))
+    return tuple(points), tuple(bounds)
 
 
 def _place(draft: _Draft, gate: int, children: tuple[int, ...], slot: int) -> GatePlace:
@@ -490,9 +514,9 @@ def _guards(
     nodes: Sequence[_Draft], parent: Sequence[int], below: Sequence[frozenset[int]], key: Sequence[str]
 ) -> dict[int, tuple[Guard, ...]]:
     """Return the guards of each leaf: one over the key decides all events that need its node."""
-    found: dict[int, dict[Guard, None]] = {node: {} for node, draft in enumerate(nodes) if draft.event is not None}
+    guards_of: dict[int, dict[Guard, None]] = {node: {} for node, draft in enumerate(nodes) if draft.event is not None}
     effort = 0
-    for node, own in found.items():
+    for node, own in guards_of.items():
         for guard in nodes[node].guards:
             top = node
             if {*key}.issuperset(guard_variables(guard)):
@@ -502,9 +526,9 @@ def _guards(
             if effort > EFFORT:
                 raise _NotApart
             for leaf in below[top]:
-                found[leaf][guard] = None
+                guards_of[leaf][guard] = None
             own[guard] = None
-    return {node: tuple(own) for node, own in found.items()}
+    return {node: tuple(own) for node, own in guards_of.items()}
 
 
 def _orders(

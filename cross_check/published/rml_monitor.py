@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from backends.rml.prolog import prolog
 from cross_check.participants import Answer, Outside, absent_on_error
+from cross_check.published.rml_deviations import touching
 from rvaft.backend import backend
 from rvaft.errors import ToolFailed, ToolMissing
 from rvaft.model.tree import RVAFT
@@ -46,7 +47,7 @@ def run(text: str, traces: Sequence[Sequence[Json]], monitor: Path, *, timeout: 
     `timeout` is in seconds for all traces together; traces not reached get an error. Raises
     `LanguageError`, `ToolMissing`, and `ToolFailed` if the text cannot be loaded.
     """
-    deviations = [backend("rml").masked(text, trace) for trace in traces]
+    deviations = [tuple(one.title for one in touching(text, trace)) for trace in traces]
     lines, ending, expired = _answers(prolog(text), traces, monitor, timeout)
     loading, *answers = [_answer(line) for line in lines] or [{"error": ending}]
     if "error" in loading:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from rvaft.core.classifier import MEMORY, WIDEST, Discriminators, PatternIndex
+from rvaft.core.pattern_index import MEMORY, WIDEST, Discriminators, PatternIndex
 from rvaft.model.patterns import Literal, ObjectPattern
 
 

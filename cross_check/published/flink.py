@@ -69,13 +69,13 @@ def first_detections(jobs: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> li
     """
     headers = [RowHeader.read(text) for text, _ in jobs]
     table, environment = tables(), cast(Any, None)
-    found: list[list[int | None]] = [[None] * len(traces) for _, traces in jobs]
+    first: list[list[int | None]] = [[None] * len(traces) for _, traces in jobs]
     with tempfile.TemporaryDirectory(prefix="rvaft-") as folder:
         try:
             environment = _session()
             for text, trace, position in _detections(table, environment, Path(folder), headers, jobs):
-                known = found[text][trace]
-                found[text][trace] = position if known is None else min(known, position)
+                known = first[text][trace]
+                first[text][trace] = position if known is None else min(known, position)
         except OverflowError:
             raise
         except Exception as error:  # Java errors, passed on by Python
@@ -87,7 +87,7 @@ def first_detections(jobs: Sequence[tuple[str, Sequence[Sequence[Json]]]]) -> li
                 environment.execute_sql("DROP TEMPORARY VIEW IF EXISTS events")
                 for number in range(len(jobs)):
                     environment.execute_sql(f"DROP TEMPORARY TABLE IF EXISTS events_{number}")
-    return found
+    return first
 
 
 def _detections(

@@ -22,7 +22,6 @@ from backends.ltlf.formulas import JUNCTIONS, Connective, Formulas
 from backends.ltlf.monitor import Atom, atoms_of
 from backends.ltlf.reader import Header, formula_of
 from rvaft.errors import NotExpressible, TooLarge, ToolFailed, ToolMissing, installed, unwritten
-from rvaft.model.patterns import Pattern
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
@@ -137,11 +136,11 @@ class _MonaAutomaton:
 
 
 @lru_cache(maxsize=32)
-def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutomaton, Mapping[str, Atom], Header]:
+def _made(text: str) -> tuple[_MonaAutomaton, Mapping[str, Atom], Header]:
     formulas = Formulas()
     header, root = formula_of(text, formulas)
     names = sorted(formulas.atoms(root))
-    atoms = atoms_of(header, names, dict(given))
+    atoms = atoms_of(header, names, {})
     if variables := sorted(frozenset[str]().union(*(atom.mentions for atom in atoms.values()))):
         reason = f"its automata have no variables ({', '.join(variables)})"
         raise NotExpressible(unwritten(reason), backend="ltlf-mona", semantics="any semantics")
@@ -155,12 +154,13 @@ def _made(text: str, given: tuple[tuple[str, Pattern], ...]) -> tuple[_MonaAutom
 class MonaMonitor(Monitor):
     """⊤ if the word and all its extensions are accepted, ⊥ if none is, else ?.
 
-    Raises the errors of `Backend.read_with`.
+    Raises `LanguageError`, `NotExpressible` (variables), `TooLarge` (too many atoms, or a timeout of
+    MONA), and `ToolMissing` without Spot, ltlf2dfa or MONA.
     """
 
-    def __init__(self, text: str, given: Mapping[str, Pattern]) -> None:
+    def __init__(self, text: str) -> None:
         super().__init__()
-        self._automaton, self._atoms, self._header = _made(text, tuple(sorted(given.items(), key=lambda item: item[0])))
+        self._automaton, self._atoms, self._header = _made(text)
         self._at = self._automaton.start
 
     @property

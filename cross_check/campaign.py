@@ -4,7 +4,7 @@ import gc
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from itertools import islice, product, starmap
+from itertools import cycle, islice, product, starmap
 from random import Random
 from typing import Final
 
@@ -18,6 +18,7 @@ from rvaft.model.guards import FUNCTIONS, Operation, Operator, time_points
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.rules.loading import loads
 from rvaft.rules.validity import require_valid
 from rvaft.support.processes import Killed, in_processes
@@ -95,6 +96,15 @@ def catalogue() -> Iterator[Entry]:
         above, upper = _above(outer, "a g" if outer.counts else "g a", "d")
         below, lower = _above(inner, "b c", "e")
         yield _entry(f"{above} over {below}", f"r {above} {upper}; g {below} {lower};")
+
+
+def in_turn(entries: Iterable[Entry]) -> Iterator[tuple[Entry, Semantics]]:
+    """Yield each tree with one semantics, in turn: the comparisons of a run without arguments.
+
+    >>> [str(semantics) for _, semantics in islice(in_turn(catalogue()), 5)]
+    ['strict', 'projected', 'consecutive', 'scattered', 'strict']
+    """
+    return zip(entries, cycle(Semantics), strict=False)
 
 
 _WRITTEN: Final = {

@@ -205,20 +205,16 @@ class DenseProgram:
         if not trace:
             return None
         places, common, apart = self._places(trace)
-        extension, options = _reelay()
         formula = _densely(self._formula, self._unit, common, apart)[0]
-        monitor = extension.dense_monitor.make(formula, options)
-        off = {"go": False, "known": False, **dict.fromkeys(map(_called, self._atoms), False)}
-        found = [*monitor.update({"time": 0, **off})]  # Reelay does not read values at 0
-        for number, (event, place) in enumerate(zip(trace, places, strict=True)):
-            if number and place > places[number - 1] + 1:
-                found += monitor.update({"time": places[number - 1] + 1, **off})
-            values = {_called(name): fits(some, event) for name, some in self._atoms.items()}
-            known = self._time.read(event) is not None
-            found += monitor.update({"time": place, "go": True, "known": known, **values})
-        for end in (1, 2):
-            found += monitor.update({"time": places[-1] + end, **off})
-        first = next((one["time"] for one in found if one["value"]), None)
+        events = [
+            (
+                place,
+                self._time.read(event) is not None,
+                tuple(fits(some, event) for some in self._atoms.values()),
+            )
+            for event, place in zip(trace, places, strict=True)
+        ]
+        first = _run_densely(formula, tuple(map(_called, self._atoms)), tuple(events))
         return None if first is None else bisect_right(places, first)
 
     def left_open(self, trace: Sequence[Json]) -> str:
@@ -258,6 +254,31 @@ def _densely(formula: str, unit: int, common: int, apart: int) -> tuple[str, tup
     writing = _Dense(unit, common, apart)
     written, _ = writing.transform(_parser().parse(formula))
     return f"{_GO} and {written}", tuple(writing.bounds_found)
+
+
+@lru_cache(maxsize=4096)
+def _run_densely(
+    formula: str, names: tuple[str, ...], events: tuple[tuple[int, bool, tuple[bool, ...]], ...]
+) -> int | None:
+    """Return the first time at which a formula in dense time holds, or None.
+
+    An event is its place, whether it has a time, and which propositions it fits. Reelay cannot
+    begin anew, and takes milliseconds to read a formula. So answers are kept: prefixes and
+    equivalent events ask for the same again.
+    """
+    extension, options = _reelay()
+    monitor = extension.dense_monitor.make(formula, options)
+    off = {"go": False, "known": False, **dict.fromkeys(names, False)}
+    found = [*monitor.update({"time": 0, **off})]  # Reelay does not read values at 0
+    last = None
+    for place, known, values in events:
+        if last is not None and place > last + 1:
+            found += monitor.update({"time": last + 1, **off})
+        found += monitor.update({"time": place, "go": True, "known": known, **dict(zip(names, values, strict=True))})
+        last = place
+    for end in (1, 2):
+        found += monitor.update({"time": events[-1][0] + end, **off})
+    return next((one["time"] for one in found if one["value"]), None)
 
 
 def _called(name: str) -> str:

@@ -87,7 +87,7 @@ proofs:
 verified:
 	@$(MAKE) --no-print-directory -C proofs build/rvaft-verified
 
-# Continuous integration says which tests run: TESTS="not slow".
+# Continuous integration says which tests run: TESTS="not slow and not sample".
 TESTS ?= not slow and not ci
 
 test: $(STAMP)

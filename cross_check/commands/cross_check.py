@@ -2,11 +2,11 @@
 
 import os
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import cycle
+from itertools import cycle, repeat
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,15 +14,15 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from cross_check import results as reports
 from backends.c.library import compiles_at_once
+from cross_check import results as reports
 from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, in_turn, parts_of_language, run
 from cross_check.comparison import Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
 from cross_check.participants import PATIENCE, faithful_backends, handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
-from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
+from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM, Effort
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
 from rvaft.export.certificates import PROGRAM, on_path
 from rvaft.model.nodes import Kind
@@ -42,7 +42,7 @@ _SHOWN: Final = 20
 SMALL_TEXT: Final = 5_000
 """Limit of translations in a random campaign."""
 ONE_IN: Final = 9
-"""Without arguments, one in so many texts in C is compiled by a compiler that takes longer than all the rest."""
+"""Without arguments and without a quick compiler, C takes part in one of so many comparisons."""
 
 
 @contextmanager
@@ -270,18 +270,12 @@ def cross_check_command(
         entries, count = [], 0
     chosen_effort = {name: given[name] for name in ("traces", "states", "length") if given[name] is not None}
     effort = replace(effort, seed=str(given["seed"]), seconds=timeout or effort.seconds, **chosen_effort)
-    quick = not (trees or against or random or semantics)
-    chosen = semantics or (() if against or quick else tuple(Semantics))
-    pairs = ((e, s) for e in entries for s in chosen or [resolve_semantics(e.tree)])
-    if quick:
-        pairs = in_turn(entries)
-    rosters = cycle([roster])
-    if quick and given["backends"] is None and "c" in (roster.backends or ()) and not compiles_at_once():
-        click.echo(f"c takes part in one of {ONE_IN} comparisons: without tcc, compiling takes long", err=True)
-        without = tuple(name for name in roster.backends or () if name != "c")
-        rosters = cycle([roster, *[replace(roster, backends=without)] * (ONE_IN - 1)])
-    tasks = (
-        Task(e.tree, Job(e.name, s, e.branch, e.kind), who, effort) for (e, s), who in zip(pairs, rosters, strict=False)
+    turns = not (trees or against or random or semantics)
+    chosen = semantics or (() if against or turns else tuple(Semantics))
+    tasks = _tasks(
+        in_turn(entries) if turns else _pairs(entries, chosen),
+        _rosters(roster, named=given["backends"] is not None) if turns else repeat(roster),
+        effort,
     )
     every = len(chosen) or 1
     jobs = given["jobs"] or (1 if roster.flink else os.cpu_count() or 1)  # Flink starts slowly
@@ -292,6 +286,29 @@ def cross_check_command(
     return (
         FAILED if failures.met else exit_status(collected.results, failing=failing_statuses, vacuous=random is not None)
     )
+
+
+def _pairs(entries: Iterable[Entry], chosen: Collection[Semantics]) -> Iterator[tuple[Entry, Semantics]]:
+    """Yield each tree with the chosen semantics, or with its own."""
+    return ((entry, one) for entry in entries for one in chosen or [resolve_semantics(entry.tree)])
+
+
+def _tasks(pairs: Iterable[tuple[Entry, Semantics]], rosters: Iterable[Roster], effort: Effort) -> Iterator[Task]:
+    for (entry, semantics), roster in zip(pairs, rosters, strict=False):
+        yield Task(entry.tree, Job(entry.name, semantics, entry.branch, entry.kind), roster, effort)
+
+
+def _rosters(roster: Roster, *, named: bool) -> Iterator[Roster]:
+    """Return the participants of each comparison in turn; `named` backends are in all of them.
+
+    C takes part in few if compiling its texts would take longer than all else; a line says so.
+    """
+    backends = roster.backends or ()
+    if named or "c" not in backends or compiles_at_once():
+        return repeat(roster)
+    click.echo(f"c takes part in one of {ONE_IN} comparisons: without tcc, to compile takes long", err=True)
+    without = replace(roster, backends=tuple(name for name in backends if name != "c"))
+    return cycle([roster, *repeat(without, ONE_IN - 1)])
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:

@@ -44,6 +44,7 @@ from rvaft.model.values import Json
 from rvaft.semantics import Reference
 from tests.backends.texts import SHAPES, agreeing, readable, signs, writes_absence
 from tests.semantics.cases import CASES
+from tests.tables import part_and_whole
 
 
 def default_events(example: conformance.Example, semantics: Semantics) -> bool:
@@ -102,7 +103,10 @@ SAMPLE = (*ROWS, *[one for one in EXAMPLES if not one.detects][::8])
 """Each operator and each construct, and every eighth other example."""
 
 
-SAMPLE_OR_ALL = [pytest.param(SAMPLE, id="sample"), pytest.param(EXAMPLES, id="all", marks=pytest.mark.ci)]
+SAMPLE_OR_ALL = [
+    pytest.param(SAMPLE, id="sample", marks=pytest.mark.sample),
+    pytest.param(EXAMPLES, id="all", marks=pytest.mark.ci),
+]
 
 
 @pytest.mark.parametrize("trees", SAMPLE_OR_ALL)
@@ -121,7 +125,7 @@ def translator(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
     return backend(name)
 
 
-@pytest.mark.parametrize("count", [6, pytest.param(12, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", part_and_whole(6, 12))
 @pytest.mark.parametrize("shape", SHAPES)
 def test_random_trees(translator: Backend, shape: str, count: int) -> None:
     random, compared = Random(shape), 0
@@ -133,7 +137,7 @@ def test_random_trees(translator: Backend, shape: str, count: int) -> None:
     assert compared >= (least if Verdict.FALSE in translator.verdicts else 1) * count // 12
 
 
-@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("whole", part_and_whole(False, True))
 def test_hand_written_cases(translator: Backend, whole: bool) -> None:
     """On their own traces; whole trees also on random ones, under each semantics."""
     for text, branch, kind in dict.fromkeys((case.tree, case.branch, case.kind) for case in CASES):

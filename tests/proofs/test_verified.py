@@ -79,7 +79,7 @@ def test_the_trees_of_the_conformance_suite_and_of_the_catalogue(number: int, se
         part, job = restrict(tree, branch=branch, kind=kind), Job("tree", semantics, branch, kind)
         known = engine_of(part, semantics)
         assert isinstance(known, Participant)
-        traces = list(map(list, islice(trials(part, job, CATALOGUE, [known], words=True), 60)))
+        traces = list(map(list, islice(trials(part, job, CATALOGUE, [known], words=True), 30)))
         found = verdicts(tree, semantics, traces, branch=branch, kind=kind)
         for trace, got in zip(traces, found or (), strict=found is not None):
             assert got == tuple(first.fork().run(trace)), trace

@@ -16,12 +16,12 @@ def rows(test: str, name: str) -> list[Any]:
 
 
 def sampled(
-    cases: Iterable[tuple[Any, ...]], one_in: int, mark: pytest.MarkDecorator = pytest.mark.ci, *, ci: int = 1
+    cases: Iterable[Any], one_in: int, mark: pytest.MarkDecorator = pytest.mark.ci, *, ci: int = 1
 ) -> list[ParameterSet]:
     """All cases as parameters; `make test` runs one in so many, and `.ci/run` the others too.
 
-    With `ci`, it runs one in so many of the others, and `make slow` the rest; with the mark `slow`,
-    this runs all others.
+    A case is one value, or a tuple or row with a value for each argument. With `ci`, `.ci/run` runs
+    one in so many of the others, and `make slow` the rest; with the mark `slow`, it runs them all.
     """
     found, other = list[ParameterSet](), 0
     for number, case in enumerate(cases):
@@ -29,7 +29,7 @@ def sampled(
         if number % one_in:
             marks = [mark if other % ci == 0 else pytest.mark.slow]
             other += 1
-        found.append(pytest.param(*case, marks=marks))
+        found.append(pytest.param(*(case if isinstance(case, (tuple, list)) else (case,)), marks=marks))
     return found
 
 

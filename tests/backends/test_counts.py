@@ -85,7 +85,7 @@ def trace_of(random: Random, tree: RVAFT) -> list[Any]:
     return trace
 
 
-@pytest.mark.parametrize("count", [*part_and_whole(20, 60), pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [*part_and_whole(10, 60), pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", LANGUAGES)
 def test_counted_leaves_of_random_trees(name: str, count: int) -> None:
     random, seen = Random(f"counts {name}"), Counter[str]()

@@ -42,7 +42,7 @@ def asked(name: str, tree: RVAFT, semantics: Semantics) -> tuple[Observed, ...] 
         return None
 
 
-@pytest.mark.parametrize("count", part_and_whole(10, 30))
+@pytest.mark.parametrize("count", part_and_whole(4, 30))
 @pytest.mark.parametrize("name", BACKENDS)
 def test_random_trees_conform_and_equal_answers_have_equal_effects(name: str, count: int) -> None:
     trees = []

@@ -16,6 +16,7 @@ from rvaft.model.verdict import Verdict
 from rvaft.semantics import Reference
 from tests.engine.checking import compare
 from tests.engine.windowed import timed_trace, windowed_trees
+from tests.tables import sampled
 
 SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 41))]
 LATE = {
@@ -153,7 +154,7 @@ x and b c; b on e("b", U); c or c1 c2; c1 on e("c", U); c2 on e("d", U);
 
 
 @pytest.mark.parametrize("late", ["", "late 0 s", "late 3 s"])
-@pytest.mark.parametrize("users", [3, 3_000])
+@pytest.mark.parametrize("users", sampled([3, 3_000], 2))
 def test_the_values_of_a_common_variable_are_followed_apart(users: int, late: str) -> None:
     """As by a monitor for each value; the first detection of any of them is that of the tree."""
     random, tree = Random(users), rvaft.loads(KEYED.replace("LATE", late))

@@ -140,6 +140,7 @@ def test_joined_events(shapes: Sequence[str], seed: int) -> None:
     assert detected > 10
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 def test_many_partial_matches(seed: int) -> None:
     """Partial matches that an index finds, by equal values and by ranges of values and times."""

@@ -323,7 +323,7 @@ def log_of(trace: Sequence[Json], random: Random) -> bytes:
     return "\n".join(lines).encode()
 
 
-@pytest.mark.parametrize(("name", "per", "semantics"), sampled(product(shipped.names(), Per, Semantics), 11))
+@pytest.mark.parametrize(("name", "per", "semantics"), sampled(product(shipped.names(), Per, Semantics), 11, ci=2))
 def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
     tree = shipped.load(name)
     random = Random(f"{name} {per} {semantics}")

@@ -38,7 +38,7 @@ def written(tree: RVAFT, semantics: Semantics, backend: CBackend = BACKEND) -> s
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 6))])
-@pytest.mark.parametrize("name", ABSENT)
+@pytest.mark.parametrize("name", sampled(ABSENT, 4))
 def test_verdicts_are_those_of_the_definition(name: str, seed: int) -> None:
     random, shape, seen = Random(f"C {name} {seed}"), SHAPES[name], Counter[Verdict]()
     absent = (tree for tree in small_valid_trees(lambda: dense_tree(random, shape)) if tree.absences)
@@ -58,8 +58,9 @@ def test_verdicts_are_those_of_the_definition(name: str, seed: int) -> None:
     assert min(seen[Verdict.TRUE], seen[Verdict.UNKNOWN]) > 4
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
-@pytest.mark.parametrize("name", sampled(["absent events", "absent values"], 2))
+@pytest.mark.parametrize("name", ["absent events", "absent values"])
 def test_detections_with_sanitizers(name: str, seed: int, tmp_path: Path) -> None:
     random, shape, left = Random(f"again {name} {seed}"), SHAPES[name], 12 if seed else 3
     for tree in small_valid_trees(lambda: dense_tree(random, shape)):
@@ -136,7 +137,7 @@ def test_passing_time_and_the_end(tmp_path: Path) -> None:
     assert status(tmp_path / "clock", b"") == (0, "0 0 0 1 1 0 0 1 1\n", "")
 
 
-@pytest.mark.parametrize("options", [(), ("--repeat",), ("--detections", "--repeat")])
+@pytest.mark.parametrize("options", sampled([((),), (("--repeat",),), (("--detections", "--repeat"),)], 3))
 @pytest.mark.parametrize("last", sampled(["3", "3.5"], 2))
 def test_a_complete_log(last: str, options: tuple[str, ...], tmp_path: Path) -> None:
     (file := tmp_path / "lost.rvaft").write_text(f"semantics scattered; {LOST}", encoding="utf-8")

@@ -54,10 +54,11 @@ def trees() -> list[RVAFT]:
     return [*map(loads, VARIED), *shipped]
 
 
-@pytest.mark.parametrize("name", sampled(["gcc", "clang"], 2))
+@pytest.mark.ci
+@pytest.mark.parametrize("name", ["gcc", "clang"])
 @pytest.mark.parametrize(
     "options",
-    [("-DRVAFT_MAIN=1", "-O0"), pytest.param(("-DRVAFT_JSON=0", "-O2"), marks=pytest.mark.ci)],
+    [("-DRVAFT_MAIN=1", "-O0"), ("-DRVAFT_JSON=0", "-O2")],
     ids=["program", "embedded"],
 )
 def test_no_warnings(name: str, options: Sequence[str], tmp_path: Path) -> None:
@@ -73,7 +74,7 @@ def test_no_warnings(name: str, options: Sequence[str], tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "options", "semantics"),
-    sampled(product([TIED, WINDOW, "top sand a b;"], [(), ("--repeat",), ("--detections",)], Semantics), 13, ci=2),
+    sampled(product([TIED, WINDOW, "top sand a b;"], [(), ("--repeat",), ("--detections",)], Semantics), 13, ci=4),
 )
 def test_the_output_of_monitor(
     text: str, options: tuple[str, ...], semantics: Semantics, folder: Path, tmp_path: Path

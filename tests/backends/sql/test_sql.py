@@ -92,7 +92,7 @@ JOINED = (
 )
 
 
-@pytest.mark.parametrize(("name", "late"), sampled(product(COUNTED, ["late 0 s", "late 1 s", ""]), 4))
+@pytest.mark.parametrize(("name", "late"), sampled(product(COUNTED, ["late 0 s", "late 1 s", ""]), 11, ci=2))
 @pytest.mark.parametrize("language", READING)
 def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
     """As one row where that makes no difference, on events with equal, missing and earlier times."""
@@ -135,7 +135,7 @@ NEAREST = {
 
 
 @pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
-@pytest.mark.parametrize(("name", "late"), sampled(product(NEAREST, ["late 0 s", "late 1 s", ""]), 4))
+@pytest.mark.parametrize(("name", "late"), sampled(product(NEAREST, ["late 0 s", "late 1 s", ""]), 11, ci=2))
 def test_the_nearest_absent_event(name: str, late: str) -> None:
     """By joins with the nearest row, in logs whose times go back, stand still and are absent."""
     compare_nearest(name, late, 150)

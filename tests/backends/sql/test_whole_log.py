@@ -155,6 +155,7 @@ BY_VALUE = (
 )
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("first", sampled(((first,) for first in range(0, 400, 40)), 10, ci=5))
 def test_repetition_by_a_variable(first: int, tmp_path: Path) -> None:
     """By an option or by the tree, also within keys, in files with few and with many values."""
@@ -212,6 +213,7 @@ def test_times_are_rounded_as_the_definition_does(unit: str, scale: int, nested:
     assert "without DuckDB" not in asked.stderr
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("first", sampled(((first,) for first in range(0, 400, 40)), 10, ci=5))
 def test_tables(first: int, tmp_path: Path) -> None:
     pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cross_check import traces
-from cross_check.campaign import Entry, catalogue
+from cross_check.campaign import Entry, catalogue, in_turn
 from cross_check.comparison import Comparison, Enlist
 from cross_check.participants import (
     ENGINE,
@@ -155,6 +155,17 @@ PAIRS = [
 @pytest.mark.parametrize(("participant", "mistake"), PAIRS)
 def test_a_wrong_tree_shows(participant: str, mistake: str) -> None:
     assert is_shown(participant, MISTAKES[mistake]), "no verdict differs"
+
+
+def test_a_run_without_arguments_finds_the_mistakes_of_the_engine() -> None:
+    """Although each tree of the catalogue is compared under one semantics only."""
+    pairs = [
+        (one, semantics, restrict(one.tree, branch=one.branch, kind=one.kind)) for one, semantics in in_turn(CATALOGUE)
+    ]
+    for mistake in mistakes(ENGINE):
+        wrong = ((*pair, given) for *pair, right in pairs if (given := MISTAKES[mistake](right)) != right)
+        found = (compared(entry, semantics, ENGINE, given).status for entry, semantics, given in wrong)
+        assert Status.DIFFERS in found, mistake
 
 
 @pytest.mark.ci

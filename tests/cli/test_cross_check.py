@@ -68,12 +68,17 @@ def test_how_many_texts_in_c_a_run_without_arguments_compiles(
     at_once: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All, if that takes milliseconds; otherwise those of one comparison in nine, and a line says so."""
-    compiled = []
+    compiled = list[str]()
+
+    def compiling(text: str, *given: Any, **options: Any) -> None:
+        compiled.append(text)
+        compile_c(text, *given, **options)
+
     module = importlib.import_module("cross_check.commands.cross_check")
     monkeypatch.setattr(module, "catalogue", lambda: islice(catalogue(), 10))
     monkeypatch.setattr(module, "faithful_backends", lambda: ("c", "rml"))
     monkeypatch.setattr(module, "compiles_at_once", lambda: at_once)
-    monkeypatch.setattr(library, "compile_c", lambda *given, **options: compiled.append(compile_c(*given, **options)))
+    monkeypatch.setattr(library, "compile_c", compiling)
     library._library.cache_clear()
     result, found = compared(tmp_path, "--jobs", "1")
     assert result.exit_code == 0, result.output

@@ -163,8 +163,8 @@ def test_a_run_without_arguments_finds_the_mistakes_of_the_engine() -> None:
         (one, semantics, restrict(one.tree, branch=one.branch, kind=one.kind)) for one, semantics in in_turn(CATALOGUE)
     ]
     for mistake in mistakes(ENGINE):
-        wrong = ((*pair, given) for *pair, right in pairs if (given := MISTAKES[mistake](right)) != right)
-        found = (compared(entry, semantics, ENGINE, given).status for entry, semantics, given in wrong)
+        given = ((entry, semantics, right, MISTAKES[mistake](right)) for entry, semantics, right in pairs)
+        found = (compared(entry, one, ENGINE, wrong).status for entry, one, right, wrong in given if wrong != right)
         assert Status.DIFFERS in found, mistake
 
 

@@ -489,8 +489,7 @@ def test_what_other_positions_and_own_values_need_is_not_certified(tree: str, re
 
 
 @built
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("seed", sampled(range(6), 6, ci=2))
+@pytest.mark.parametrize(("language", "seed"), sampled(product(LANGUAGES, range(6)), 18, ci=2))
 def test_random_trees_and_mistakes(language: str, seed: int) -> None:
     """Clause: what is certified has the verdicts of the tree; what differs has a trace of its nodes."""
     statuses: Counter[tuple[bool, int]] = Counter()

@@ -394,9 +394,14 @@ def test_a_formula_in_dense_time_is_as_long_as_its_text() -> None:
 
 
 def test_reelay_is_asked_once_for_prefixes_and_events_that_fit_alike(monkeypatch: pytest.MonkeyPatch) -> None:
-    text, made = BACKEND.translate(loads(WINDOWED), SCATTERED).text, []
+    text, made = BACKEND.translate(loads(WINDOWED), SCATTERED).text, list[str]()
     extension, options = _reelay()
-    dense = SimpleNamespace(make=lambda *given: made.append(given) or extension.dense_monitor.make(*given))
+
+    def make(formula: str, options: object) -> object:
+        made.append(formula)
+        return extension.dense_monitor.make(formula, options)
+
+    dense = SimpleNamespace(make=make)
     monkeypatch.setattr("backends.mtl.reader._reelay", lambda: (SimpleNamespace(dense_monitor=dense), options))
     _run_densely.cache_clear()
     monitor = BACKEND.read(text)

@@ -41,7 +41,7 @@ _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
 _SHOWN: Final = 20
 SMALL_TEXT: Final = 5_000
 """Limit of translations in a random campaign."""
-ONE_IN: Final = 9
+ONE_IN: Final = 13
 """Without arguments and without a quick compiler, C takes part in one of so many comparisons."""
 
 

@@ -86,11 +86,12 @@ proofs:
 verified:
 	@$(MAKE) --no-print-directory -C proofs build/rvaft-verified
 
-# Continuous integration says which tests run: TESTS="not slow".
+# Continuous integration says which tests run: TESTS="not slow and not sample". Each process runs neighbouring tests,
+# which share caches and fixtures.
 TESTS ?= not slow and not ci
 
 test: $(STAMP)
-	$(BIN)/python -m pytest -n auto -m "$(TESTS)" --ignore tests/benchmarks
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "$(TESTS)" --ignore tests/benchmarks
 
 # The tests that start programs, on a PATH with no program but Python, a shell, `sleep` and make.
 bare: $(STAMP)

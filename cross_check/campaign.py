@@ -4,7 +4,7 @@ import gc
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import closing, suppress
 from dataclasses import dataclass
-from itertools import islice, product, starmap
+from itertools import cycle, islice, product, starmap
 from random import Random
 from typing import Final
 
@@ -19,12 +19,13 @@ from rvaft.model.guards import FUNCTIONS, Operation, Operator, time_points
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.tree import RVAFT
+from rvaft.model.verdict import Semantics
 from rvaft.rules.loading import loads
 from rvaft.rules.validity import require_valid
 from rvaft.support.processes import Killed, in_processes
 
-# The catalogue of a run without arguments, in code so that installed packages contain it. It finds
-# every fault that the tests plant in translations and readers. It has every gate with one to four
+# The catalogue of a run without arguments, in code so that installed packages contain it. Under all
+# semantics it finds every fault that the tests plant in translations and readers. It has every gate with one to four
 # children, with and without an event under both causalities; every ordered pair of gates; shared
 # nodes; children with equal events; monitors of branches and kinds; votes with many orders; guards
 # in every place; and literals that differ only in type.
@@ -96,6 +97,19 @@ def catalogue() -> Iterator[Entry]:
         above, upper = _above(outer, "a g" if outer.counts else "g a", "d")
         below, lower = _above(inner, "b c", "e")
         yield _entry(f"{above} over {below}", f"r {above} {upper}; g {below} {lower};")
+
+
+_TURNS: Final = (Semantics.PROJECTED, Semantics.CONSECUTIVE, Semantics.SCATTERED, Semantics.STRICT)
+"""With this order, the comparisons find every fault that the tests plant in trees of the engine."""
+
+
+def in_turn(entries: Iterable[Entry]) -> Iterator[tuple[Entry, Semantics]]:
+    """Yield each tree with one semantics, in turn: the comparisons of a run without arguments.
+
+    >>> [str(semantics) for _, semantics in islice(in_turn(catalogue()), 5)]
+    ['projected', 'consecutive', 'scattered', 'strict', 'projected']
+    """
+    return zip(entries, cycle(_TURNS), strict=False)
 
 
 _WRITTEN: Final = {

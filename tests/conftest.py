@@ -6,6 +6,7 @@ import shutil
 import signal
 import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import pytest
@@ -26,6 +27,17 @@ if threading.current_thread() is threading.main_thread() and signal.getsignal(si
 
 
 _PROCESS: Final = os.getpid()
+_WHOLE: Final = ("attacks", "papers")
+"""Folders whose tests all have the mark `ci`; `make attack` runs the first alone."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give the tests of some folders the mark `ci`."""
+    folders = [Path(__file__).with_name(name) for name in _WHOLE]
+    for item in items:
+        if any(item.path.is_relative_to(folder) for folder in folders):
+            item.add_marker(pytest.mark.ci)
 
 
 @pytest.hookimpl(tryfirst=True)

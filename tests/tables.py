@@ -16,14 +16,21 @@ def rows(test: str, name: str) -> list[Any]:
 
 
 def sampled(
-    cases: Iterable[tuple[Any, ...]], one_in: int, mark: pytest.MarkDecorator = pytest.mark.ci
+    cases: Iterable[Any], one_in: int, mark: pytest.MarkDecorator = pytest.mark.ci, *, ci: int = 1
 ) -> list[ParameterSet]:
     """All cases as parameters; `make test` runs one in so many, and `.ci/run` the others too.
 
-    With the mark `slow`, the others run by hand only.
+    A case is one value, or a tuple or row with a value for each argument. With `ci`, `.ci/run` runs
+    one in so many of the others, and `make slow` the rest; with the mark `slow`, it runs them all.
     """
-    others = [mark]
-    return [pytest.param(*case, marks=others if number % one_in else []) for number, case in enumerate(cases)]
+    found, other = list[ParameterSet](), 0
+    for number, case in enumerate(cases):
+        marks = []
+        if number % one_in:
+            marks = [mark if other % ci == 0 else pytest.mark.slow]
+            other += 1
+        found.append(pytest.param(*(case if isinstance(case, (tuple, list)) else (case,)), marks=marks))
+    return found
 
 
 def spelled(text: str | list[str | list[Any]]) -> bytes:
@@ -32,3 +39,8 @@ def spelled(text: str | list[str | list[Any]]) -> bytes:
     """
     pieces = [text] if isinstance(text, str) else [one if isinstance(one, str) else one[0] * one[1] for one in text]
     return "".join(pieces).encode("latin-1")
+
+
+def part_and_whole(part: Any, whole: Any) -> list[ParameterSet]:
+    """A parameter for `make test`, and one for `.ci/run`, whose check contains the other."""
+    return [pytest.param(part, marks=pytest.mark.sample), pytest.param(whole, marks=pytest.mark.ci)]

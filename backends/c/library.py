@@ -61,6 +61,13 @@ def fast_compiler() -> list[str]:
     return require_compiler() if named is None or os.environ.get("CC") else [named]
 
 
+def compiles_at_once() -> bool:
+    """Return whether `fast_compiler` takes milliseconds for a text, as TinyCC does; others optimise little, but take
+    tenths of a second.
+    """
+    return Path(fast_compiler()[0]).name == "tcc"
+
+
 def strict_compiler() -> list[str]:
     """Return the command of a compiler for texts of strangers; raises `ToolMissing`.
 

@@ -117,7 +117,8 @@ class _Dense(_Written):
     """The formula for Reelay in dense time, in which all operators look at events only.
 
     A bound of `unit` ns is `unit / common * 2 * apart` in Reelay, where `apart` is more than the
-    number of events with one time. `known` is true for events with a time.
+    number of places of events with one time; between two events there is a place without an event.
+    `known` is true for events with a time.
     """
 
     def __init__(self, unit: int, common: int, apart: int) -> None:
@@ -135,13 +136,14 @@ class _Dense(_Written):
         return f"[{begin}:{'' if high is None else self._length(high) + self._apart}]", 0
 
     def pre(self, parts: list[Any]) -> tuple[str, int]:
-        now = f"({_GO} and {parts[0][0]})"
-        return f"(once[1:1]({now} or ((not {_GO}) since {now})))", parts[0][1] + 4
+        return f"(once[1:1]((not {_GO}) since ({_GO} and {parts[0][0]})))", parts[0][1] + 4
 
     def since(self, parts: list[Any]) -> tuple[str, int]:
         (left, one), *bounds, (right, other) = parts
         within, known = "".join(text for text, _ in bounds), f"{_KNOWN} and " if bounds else ""
         there = f"({_GO} and {known}{right})"
+        if left == _GO:  # nothing is written twice, so that texts do not grow exponentially with their depth
+            return f"({known}once{within}{there})", max(one, other) + 4
         text = f"(((not {_GO}) or {left}) since{within} {there})"  # Reelay leaves out the present, unless `left` holds
         text = f"({there} or {text})" if not bounds or within.startswith("[0:") else text
         return f"({known}{text})", max(one, other) + 4
@@ -205,20 +207,16 @@ class DenseProgram:
         if not trace:
             return None
         places, common, apart = self._places(trace)
-        extension, options = _reelay()
         formula = _densely(self._formula, self._unit, common, apart)[0]
-        monitor = extension.dense_monitor.make(formula, options)
-        off = {"go": False, "known": False, **dict.fromkeys(map(_called, self._atoms), False)}
-        found = [*monitor.update({"time": 0, **off})]  # Reelay does not read values at 0
-        for number, (event, place) in enumerate(zip(trace, places, strict=True)):
-            if number and place > places[number - 1] + 1:
-                found += monitor.update({"time": places[number - 1] + 1, **off})
-            values = {_called(name): fits(some, event) for name, some in self._atoms.items()}
-            known = self._time.read(event) is not None
-            found += monitor.update({"time": place, "go": True, "known": known, **values})
-        for end in (1, 2):
-            found += monitor.update({"time": places[-1] + end, **off})
-        first = next((one["time"] for one in found if one["value"]), None)
+        events = [
+            (
+                place,
+                self._time.read(event) is not None,
+                tuple(fits(some, event) for some in self._atoms.values()),
+            )
+            for event, place in zip(trace, places, strict=True)
+        ]
+        first = _run_densely(formula, tuple(map(_called, self._atoms)), tuple(events))
         return None if first is None else bisect_right(places, first)
 
     def left_open(self, trace: Sequence[Json]) -> str:
@@ -244,11 +242,11 @@ class DenseProgram:
             moments.append(last - begin)
         common = gcd(*moments, *self._bounds) or 1
         most = max(Counter(moments).values())
-        apart = 1 << most.bit_length()
+        apart = 2 << most.bit_length()
         places, rank = list[int](), 0
         for number, moment in enumerate(moments):
             rank = rank + 1 if number and moment == moments[number - 1] else 0
-            places.append(moment // common * 2 * apart + rank + 1)
+            places.append(moment // common * 2 * apart + 2 * rank + 1)
         return places, common, apart
 
 
@@ -258,6 +256,27 @@ def _densely(formula: str, unit: int, common: int, apart: int) -> tuple[str, tup
     writing = _Dense(unit, common, apart)
     written, _ = writing.transform(_parser().parse(formula))
     return f"{_GO} and {written}", tuple(writing.bounds_found)
+
+
+@lru_cache(maxsize=4096)
+def _run_densely(
+    formula: str, names: tuple[str, ...], events: tuple[tuple[int, bool, tuple[bool, ...]], ...]
+) -> int | None:
+    """Return the first time at which a formula in dense time holds, or None.
+
+    An event is its place, whether it has a time, and which propositions it fits. Reelay cannot
+    begin anew, and takes milliseconds to read a formula. So answers are kept: prefixes and
+    equivalent events ask for the same again.
+    """
+    extension, options = _reelay()
+    monitor = extension.dense_monitor.make(formula, options)
+    off = {"go": False, "known": False, **dict.fromkeys(names, False)}
+    found = [*monitor.update({"time": 0, **off})]  # Reelay does not read values at 0
+    for place, known, values in events:
+        found += monitor.update({"time": place, "go": True, "known": known, **dict(zip(names, values, strict=True))})
+        found += monitor.update({"time": place + 1, **off})
+    found += monitor.update({"time": events[-1][0] + 2, **off})
+    return next((one["time"] for one in found if one["value"]), None)
 
 
 def _called(name: str) -> str:

@@ -2,10 +2,11 @@
 
 import os
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import cycle, repeat
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,14 +14,15 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from backends.c.library import compiles_at_once
 from cross_check import results as reports
-from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, parts_of_language, run
+from cross_check.campaign import MAX_NODES, Entry, Task, campaign, catalogue, in_turn, parts_of_language, run
 from cross_check.comparison import Roster
 from cross_check.counterexamples import case_folders, replay, save, shrunk
 from cross_check.counterexamples import load as load_case
 from cross_check.participants import PATIENCE, faithful_backends, handwritten, is_specification, missing_extras
 from cross_check.results import Job, Result, Status, exit_status
-from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM
+from cross_check.traces import AGAINST, CATALOGUE, ONE_TREE, RANDOM, Effort
 from rvaft.cli import FAILED, INTERRUPTED, Failures, Stopped, options
 from rvaft.export.certificates import PROGRAM, on_path
 from rvaft.model.nodes import Kind
@@ -39,6 +41,8 @@ _FORMATS: Final[dict[str, Callable[[Iterable[Result], str], str]]] = {
 _SHOWN: Final = 20
 SMALL_TEXT: Final = 5_000
 """Limit of translations in a random campaign."""
+ONE_IN: Final = 13
+"""Without arguments and without a quick compiler, C takes part in one of so many comparisons."""
 
 
 @contextmanager
@@ -151,7 +155,9 @@ _TRACES: Final = (
     f"with --random {RANDOM.traces}, without TREE {CATALOGUE.traces}]"
 )
 _STATES: Final = f"State limit of a proof.  [default: {ONE_TREE.states}; with --random {RANDOM.states}]"
-_SEMANTICS: Final = "Default: all; with --against, what each tree states, or projected."
+_SEMANTICS: Final = (
+    "Default: all; with --against, what each tree states, or projected; without TREE, one for each tree in turn."
+)
 _VERIFIED: Final = f"Also run this build of the verified monitor.  [default: {PROGRAM}, if it is on the PATH]"
 _PUBLISHED: Final = "Also run RML in the published monitor; DIR is a checkout of it."
 
@@ -202,7 +208,7 @@ def cross_check_command(
     **given: Any,
 ) -> int:
     """Compare the reference, the engine and all faithful backends: on each TREE, or on a catalogue
-    of trees.
+    of trees. Of the catalogue, each tree is compared under one semantics; `--semantics all` takes all.
 
     Agreement is proved on all traces if possible, otherwise tested; the output states which. A
     comparison without any detection is vacuous and no agreement. The exit status is 1 for
@@ -264,9 +270,13 @@ def cross_check_command(
         entries, count = [], 0
     chosen_effort = {name: given[name] for name in ("traces", "states", "length") if given[name] is not None}
     effort = replace(effort, seed=str(given["seed"]), seconds=timeout or effort.seconds, **chosen_effort)
-    chosen = semantics or (() if against else tuple(Semantics))
-    pairs = ((e, s) for e in entries for s in chosen or [resolve_semantics(e.tree)])
-    tasks = (Task(e.tree, Job(e.name, s, e.branch, e.kind), roster, effort) for e, s in pairs)
+    turns = not (trees or against or random or semantics)
+    chosen = semantics or (() if against or turns else tuple(Semantics))
+    tasks = _tasks(
+        in_turn(entries) if turns else _pairs(entries, chosen),
+        _rosters(roster, named=given["backends"] is not None) if turns else repeat(roster),
+        effort,
+    )
     every = len(chosen) or 1
     jobs = given["jobs"] or (1 if roster.flink else os.cpu_count() or 1)  # Flink starts slowly
     running = run(tasks, jobs=jobs, together=1 if trees else every)
@@ -276,6 +286,29 @@ def cross_check_command(
     return (
         FAILED if failures.met else exit_status(collected.results, failing=failing_statuses, vacuous=random is not None)
     )
+
+
+def _pairs(entries: Iterable[Entry], chosen: Collection[Semantics]) -> Iterator[tuple[Entry, Semantics]]:
+    """Yield each tree with the chosen semantics, or with its own."""
+    return ((entry, one) for entry in entries for one in chosen or [resolve_semantics(entry.tree)])
+
+
+def _tasks(pairs: Iterable[tuple[Entry, Semantics]], rosters: Iterable[Roster], effort: Effort) -> Iterator[Task]:
+    for (entry, semantics), roster in zip(pairs, rosters, strict=False):
+        yield Task(entry.tree, Job(entry.name, semantics, entry.branch, entry.kind), roster, effort)
+
+
+def _rosters(roster: Roster, *, named: bool) -> Iterator[Roster]:
+    """Return the participants of each comparison in turn; `named` backends are in all of them.
+
+    C takes part in few if compiling its texts would take longer than all else; a line says so.
+    """
+    backends = roster.backends or ()
+    if named or "c" not in backends or compiles_at_once():
+        return repeat(roster)
+    click.echo(f"c takes part in one of {ONE_IN} comparisons: without tcc, to compile takes long", err=True)
+    without = replace(roster, backends=tuple(name for name in backends if name != "c"))
+    return cycle([roster, *repeat(without, ONE_IN - 1)])
 
 
 def _entry(path: str, branch: int | None, kind: Kind | None) -> Entry:

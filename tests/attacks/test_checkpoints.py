@@ -16,6 +16,8 @@ from typing import Any, Final
 
 import pytest
 
+from tests.tables import sampled
+
 TREE: Final = """
 time time as s;
 event go(r, u) = { kind: "go", place: r, user: u };
@@ -118,7 +120,9 @@ def attacked(folder: Path, options: tuple[str, ...], *, kills: int, seed: int) -
     assert (ended.returncode, summary(ended.stdout), ended.stderr) == (1, summary(final.stdout), final.stderr)
 
 
-@pytest.mark.parametrize("name", [name for name in COMBINATIONS if name not in ("order", "order kind", "key")])
+@pytest.mark.parametrize(
+    "name", sampled([name for name in COMBINATIONS if name not in ("order", "order kind", "key")], 3, pytest.mark.slow)
+)
 def test_a_run_that_is_killed_twice_reports_the_same(name: str, tmp_path: Path) -> None:
     attacked(tmp_path, COMBINATIONS[name], kills=2, seed=len(name))
 

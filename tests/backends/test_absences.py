@@ -13,6 +13,7 @@ from rvaft.rules.validity import require_valid
 from rvaft.semantics import Reference
 from tests.backends.texts import SPOT, agreeing, readable, signs
 from tests.engine.dense import CHOOSING, Dense, dense_trace, dense_tree
+from tests.tables import part_and_whole
 
 SHAPES = {
     "events": Dense(absences=0.3, nodes=6, sharing=0.3, guards=0, gates=CHOOSING),
@@ -21,7 +22,7 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", [*part_and_whole(3, 60), pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("name", readable("automaton", "c", "eql", "ltlf", "mtl", "rml", "sql", "sql-duckdb"))
 def test_absent_events_of_random_trees(name: str, shape: str, count: int) -> None:
@@ -112,7 +113,7 @@ def choosing_tree(random: Random, *, guards: bool) -> str:
     return f"event e(k, u) = {{ k: k, u: u }}; toplevel top; {gates[len(names)]}{shared}{''.join(leaves)}"
 
 
-@pytest.mark.parametrize("count", [15, pytest.param(150, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", [*part_and_whole(5, 50), pytest.param(150, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", readable("automaton", "ltlf", "rml"))
 def test_what_is_absent_before_in_random_trees(name: str, count: int) -> None:
     random, compared = Random(f"before {name}"), 0

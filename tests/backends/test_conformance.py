@@ -46,6 +46,7 @@ from rvaft.model.values import Json
 from rvaft.semantics import Reference
 from tests.backends.texts import SHAPES, agreeing, readable, signs, writes_absence
 from tests.semantics.cases import CASES
+from tests.tables import part_and_whole
 
 
 def default_events(example: conformance.Example, semantics: Semantics) -> bool:
@@ -100,14 +101,20 @@ REQUIRED: dict[str, Required] = {name: required(name) for name in NEEDED}
 
 EXAMPLES = tuple(examples())
 ROWS = tuple(conformance.rows())
-SAMPLE = (*ROWS, *[one for one in EXAMPLES if not one.detects][::8])
-"""Each operator and each construct, and every eighth other example."""
+SAMPLE = (*ROWS[::2], *[one for one in EXAMPLES if not one.detects][::24])
+"""Every second operator and construct, and a few other examples."""
+MOST = (*ROWS, *[one for one in EXAMPLES if not one.detects][::2])
+"""Each operator and each construct, and every second other example."""
 
 
-SAMPLE_OR_ALL = [pytest.param(SAMPLE, id="sample"), pytest.param(EXAMPLES, id="all", marks=pytest.mark.ci)]
+SAMPLES = [
+    pytest.param(SAMPLE, id="sample", marks=pytest.mark.sample),
+    pytest.param(MOST, id="most", marks=pytest.mark.ci),
+    pytest.param(EXAMPLES, id="all", marks=pytest.mark.slow),
+]
 
 
-@pytest.mark.parametrize("trees", SAMPLE_OR_ALL)
+@pytest.mark.parametrize("trees", SAMPLES)
 @pytest.mark.parametrize("name", readable(*REQUIRED))
 def test_backend_conforms(name: str, trees: Sequence[conformance.Example]) -> None:
     report = conformance.run(backend(name), Reference, required=REQUIRED[name], trees=trees, words=4)
@@ -123,7 +130,7 @@ def translator(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) 
     return backend(name)
 
 
-@pytest.mark.parametrize("count", [6, pytest.param(12, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", part_and_whole(2, 12))
 @pytest.mark.parametrize("shape", SHAPES)
 def test_random_trees(translator: Backend, shape: str, count: int) -> None:
     random, compared = Random(shape), 0
@@ -135,12 +142,13 @@ def test_random_trees(translator: Backend, shape: str, count: int) -> None:
     assert compared >= (least if Verdict.FALSE in translator.verdicts else 1) * count // 12
 
 
-@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("whole", part_and_whole(False, True))
 def test_hand_written_cases(translator: Backend, whole: bool) -> None:
-    """On their own traces; whole trees also on random ones, under each semantics."""
-    for text, branch, kind in dict.fromkeys((case.tree, case.branch, case.kind) for case in CASES):
+    """On their own traces, a part of them in `make test`; whole trees also on random ones, under each semantics."""
+    trees = [*dict.fromkeys((case.tree, case.branch, case.kind) for case in CASES)]
+    for text, branch, kind in trees if whole else trees[2::3]:
         tree = restrict(loads(text), branch=branch, kind=kind)
-        random = [random_trace(Random(seed), tree) for seed in range(3)] if whole and tree.part_of is None else []
+        random = [random_trace(Random(seed), tree) for seed in range(2)] if whole and tree.part_of is None else []
         cases = [case for case in CASES if (case.tree, case.branch, case.kind) == (text, branch, kind)]
         for semantics in Semantics:
             own = [case.events for case in cases if case.semantics == semantics]
@@ -234,7 +242,7 @@ def test_a_row_detects_and_its_counterpart_does_not(row: conformance.Example) ->
 EMITTED = sorted(one.name for one in map(backend, all_backends()) if not one.readable)
 
 
-@pytest.mark.parametrize("trees", SAMPLE_OR_ALL)
+@pytest.mark.parametrize("trees", SAMPLES)
 @pytest.mark.parametrize("name", EMITTED)
 def test_what_is_only_emitted_is_translated_or_refused(name: str, trees: Sequence[conformance.Example]) -> None:
     def required(one: conformance.Example, semantics: Semantics) -> bool:

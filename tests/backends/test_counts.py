@@ -14,6 +14,7 @@ from rvaft import RVAFT, NotExpressible, RvaftError, Semantics, TooLarge, Verdic
 from rvaft.backend import backend
 from rvaft.rules.validity import require_valid
 from rvaft.semantics import Reference
+from tests.tables import part_and_whole
 
 TYPED: Final = "".join(
     f'event {k}(u: text, v: integer, w: integer) = {{ k: "{k}", u: u, v: v, w: w }}; ' for k in "abc"
@@ -84,7 +85,7 @@ def trace_of(random: Random, tree: RVAFT) -> list[Any]:
     return trace
 
 
-@pytest.mark.parametrize("count", [20, pytest.param(200, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", [*part_and_whole(10, 60), pytest.param(200, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", LANGUAGES)
 def test_counted_leaves_of_random_trees(name: str, count: int) -> None:
     random, seen = Random(f"counts {name}"), Counter[str]()

@@ -15,6 +15,7 @@ from rvaft.backend import Observed, backend
 from rvaft.model.patterns import variables
 from rvaft.model.values import Json
 from rvaft.semantics import Reference
+from tests.tables import part_and_whole
 
 SHAPE = Shape(max_nodes=7, variables=0, typed_events=0.8, guards=0.4, ignores=0.6)
 BACKENDS = ["rml", "rml-paper", *(pytest.param(name, marks=pytest.mark.spot) for name in ("ltlf", "automaton"))]
@@ -41,7 +42,7 @@ def asked(name: str, tree: RVAFT, semantics: Semantics) -> tuple[Observed, ...] 
         return None
 
 
-@pytest.mark.parametrize("count", [10, pytest.param(30, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", part_and_whole(4, 30))
 @pytest.mark.parametrize("name", BACKENDS)
 def test_random_trees_conform_and_equal_answers_have_equal_effects(name: str, count: int) -> None:
     trees = []

@@ -20,7 +20,7 @@ from tests.backends.texts import flat, needs_spot, signs, tree
 from tests.tables import rows, sampled
 
 
-@pytest.mark.parametrize(("name", "text", "semantics", "limit", "what"), sampled(rows(__file__, "limits.txt"), 2))
+@pytest.mark.parametrize(("name", "text", "semantics", "limit", "what"), sampled(rows(__file__, "limits.txt"), 5))
 def test_what_is_too_large(name: str, text: str, semantics: str, limit: int | None, what: str) -> None:
     made, start = tree(text), process_time()
     with pytest.raises(TooLarge) as error:

@@ -10,10 +10,12 @@ import pytest
 
 from rvaft import all_backends, cli
 from tests.cli.runs import failed, run
+from tests.tables import sampled
 
 PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
 MODULE = '''
 import click
+from tests.tables import sampled
 
 @click.command("greet")
 @click.argument("name")
@@ -118,7 +120,7 @@ DRAWINGS = {f"rvaft.export.{name}" for name in ("layout", "dot", "svg", "tikz", 
 SIZES = {"c": 67, "sigma": 60, "sql": 65, "kql": 59, "stix": 61}
 
 
-@pytest.mark.parametrize("language", [name for name in all_backends() if name != "rml-paper"])
+@pytest.mark.parametrize("language", sampled([(name,) for name in all_backends() if name != "rml-paper"], 4))
 def test_a_translation_imports_what_it_uses(language: str, tmp_path: Path) -> None:
     """No engine, no reader of logs, no drawing; and for some a count of the modules and packages of the project."""
     (tree := tmp_path / "tree.rvaft").write_text("top sand a b;", encoding="utf-8")

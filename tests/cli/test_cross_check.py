@@ -1,6 +1,7 @@
 """`rvaft cross-check`."""
 
 import csv
+import importlib
 import json
 import os
 import re
@@ -8,6 +9,7 @@ import shutil
 import signal
 import time
 from importlib.util import find_spec
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -15,8 +17,12 @@ from xml.etree import ElementTree as ET
 import pytest
 from click.testing import Result
 
+from backends.c import library
+from backends.c.library import compile_c
+from cross_check.campaign import catalogue
 from rvaft import load, translate
 from rvaft.support.confinement import can_confine
+from tests.backends.texts import needs_compiler
 from tests.cli.runs import PRUNED, children, run, soon, started, written
 from tests.tables import rows
 
@@ -54,6 +60,35 @@ def test_what_is_proved(sand: Path, tmp_path: Path) -> None:
         for name in names
         for semantics in ("strict", "projected", "consecutive", "scattered")
     }
+
+
+@needs_compiler
+@pytest.mark.parametrize("at_once", [True, False])
+def test_how_many_texts_in_c_a_run_without_arguments_compiles(
+    at_once: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All, if that takes milliseconds; otherwise that of one comparison in 13, and a line says so."""
+    compiled = list[str]()
+
+    def compiling(text: str, *given: Any, **options: Any) -> None:
+        compiled.append(text)
+        compile_c(text, *given, **options)
+
+    module = importlib.import_module("cross_check.commands.cross_check")
+    monkeypatch.setattr(module, "catalogue", lambda: islice(catalogue(), 10))
+    monkeypatch.setattr(module, "faithful_backends", lambda: ("c", "rml"))
+    monkeypatch.setattr(module, "compiles_at_once", lambda: at_once)
+    monkeypatch.setattr(library, "compile_c", compiling)
+    library._library.cache_clear()
+    result, found = compared(tmp_path, "--jobs", "1")
+    assert result.exit_code == 0, result.output
+    semantics = [one["semantics"] for one in found if one["participant"] == "reference"]
+    assert semantics == ["projected", "consecutive", "scattered", "strict"] * 2 + ["projected", "consecutive"]
+    assert [one["participant"] for one in found].count("c") == (10 if at_once else 1)
+    assert 0 < len(compiled) <= (10 if at_once else 1)
+    assert ("c takes part in one of 13 comparisons" in result.stderr) is not at_once
+    _, found = compared(tmp_path, "--jobs", "1", "--semantics", "strict,scattered", "--backends", "c")
+    assert [one["participant"] for one in found].count("c") == 20
 
 
 def test_what_is_only_tested_and_what_is_refused(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ CHAINS = {
 """The passes in the orders in which they are used."""
 
 SEEDS = [
-    (0, 2),
+    pytest.param(0, 2, marks=pytest.mark.sample),
     pytest.param(0, 4, marks=pytest.mark.ci),
     *(pytest.param(seed, 40, marks=pytest.mark.slow) for seed in range(1, 11)),
 ]

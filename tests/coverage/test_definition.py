@@ -22,6 +22,7 @@ from tests.core.trees import is_plain
 from tests.engine.checking import in_time, small_valid_trees
 from tests.engine.dense import SHAPES, WILD, trace_of, tree_of
 from tests.semantics.cases import CASES, Case
+from tests.tables import part_and_whole, sampled
 
 ALL = [*SHAPES, *WILD]
 SEMANTICS = ["strict", "projected", "scattered"]
@@ -105,7 +106,7 @@ HOPELESS = [
 """A monitor takes such partial matches for lost at once, or forgets them; here they count."""
 
 
-@pytest.mark.parametrize("case", [*CASES, *HOPELESS], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", sampled([*CASES, *HOPELESS], 3), ids=lambda case: case.name)
 def test_the_hand_written_cases(case: Case) -> None:
     with suppress(TreeError):
         tree = loads(case.tree)
@@ -120,9 +121,9 @@ def test_the_hand_written_cases(case: Case) -> None:
             check(found, expected, case.semantics, plain=is_plain(tree))
 
 
-@pytest.mark.parametrize("shape", ALL)
+@pytest.mark.parametrize("shape", sampled(ALL, 4))
 @pytest.mark.parametrize("semantics", SEMANTICS)
-@pytest.mark.parametrize("count", [5, pytest.param(12, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("count", part_and_whole(5, 12))
 def test_how_far_is_what_the_definition_says(shape: str, semantics: str, count: int) -> None:
     compared = reached = 0
     for number, (tree, events, coverage) in enumerate(cases(shape, semantics, 40)):

@@ -9,7 +9,7 @@ from random import Random
 
 import pytest
 
-from cross_check.campaign import Task, campaign, catalogue, run
+from cross_check.campaign import Task, campaign, catalogue, in_turn, run
 from cross_check.comparison import Roster
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import random_tree
@@ -51,6 +51,13 @@ def test_every_ordered_pair_of_gates_is_nested_and_under_every_gate_something_is
         (node, [tree.pattern(child) for child in node.children if tree.nodes[child].has_event]) for tree, node in NODES
     ]
     assert {node.gate for node, patterns in events if len(set(patterns)) < len(patterns)} == set(Gate)
+
+
+def test_a_run_without_arguments_has_each_tree_once_and_each_gate_under_each_semantics() -> None:
+    turns = [*in_turn(ENTRIES)]
+    assert [entry for entry, _ in turns] == ENTRIES
+    found = {(node.gate, semantics) for entry, semantics in turns for node in entry.tree.top_down() if node.gate}
+    assert found == {*product(Gate, Semantics)}
 
 
 def test_branches_kinds_and_guards() -> None:

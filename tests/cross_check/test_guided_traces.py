@@ -41,6 +41,7 @@ from tests.core.kept import parts_of
 from tests.cross_check.small_trees import SHAPES, detects, found, small_trees, verdicts
 from tests.engine.checking import small_and_valid
 from tests.engine.dense import SHAPES as DENSE
+from tests.tables import sampled
 from tests.trees import shipped
 
 STRICT, PROJECTED, CONSECUTIVE, SCATTERED = Semantics
@@ -52,7 +53,7 @@ EVENT: Final = "event e(x) = { x: x };"
 # -- detection ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shape", [*SHAPES, *DENSE])
+@pytest.mark.parametrize("shape", sampled([*SHAPES, *DENSE], 4))
 def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cross_check.generate.traces.Engine", None)
     for random, tree in small_trees(shape, 2):

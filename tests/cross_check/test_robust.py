@@ -150,6 +150,7 @@ def test_every_edit_has_the_verdict_of_the_reference(case: tuple[RVAFT, Semantic
         assert answer.verdicts[edit][place] == expected.symbol, (edit, place)
 
 
+@pytest.mark.ci
 @given(trees_with_guided_traces(RICH), st.randoms(use_true_random=False))
 def test_under_scattered_an_added_event_hides_no_detection(
     case: tuple[RVAFT, Semantics, list[Json]], random: Random

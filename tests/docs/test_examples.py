@@ -23,6 +23,8 @@ NEEDS = {
 }
 LONG = re.compile(r"rvaft (cross-check|compare)|--backend|--to (sigma|automaton|dot|stix)|python3 -c")
 """Commands that run other programs, or compare many trees: only the README has them in every run."""
+FIRST = ("README.md", "tutorial.md")
+"""Pages whose examples run in every run; of the others every third does."""
 
 
 def params(found: Iterable[Block]) -> list[ParameterSet]:
@@ -30,7 +32,11 @@ def params(found: Iterable[Block]) -> list[ParameterSet]:
     absent = {name: asks for name, asks in NEEDS.items() if find_spec(name) is None}
     lacking = {b: [name for name, asks in absent.items() if asks.search(b.text)] for b in found}
     marks = {b: [pytest.mark.skip(reason=f"needs {name}") for name in names[:1]] for b, names in lacking.items()}
-    late = {b: [pytest.mark.ci] for b in marks if LONG.search(b.text) and b.page.name != "README.md"}
+    late = {
+        b: [pytest.mark.ci]
+        for number, b in enumerate(marks)
+        if (LONG.search(b.text) and b.page.name != "README.md") or (number % 3 and b.page.name not in FIRST)
+    }
     return [pytest.param(b, id=str(b), marks=[*own, *late.get(b, [])]) for b, own in marks.items()]
 
 

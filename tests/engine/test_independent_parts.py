@@ -11,6 +11,7 @@ from rvaft.language.parser import parse
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
 from tests.engine.checking import compare, small_and_valid
+from tests.tables import sampled
 
 LETTERS: Final = "abcdefgh"
 UNITS: Final = ("{}", "{}", "sand {} {}", "and {} {}", "sand {} {} within 3 s", "and {} {} within 2 s", "pand {} {}")
@@ -117,7 +118,7 @@ CHOOSING: Final = {
 }
 
 
-@pytest.mark.parametrize("name", CHOOSING)
+@pytest.mark.parametrize("name", sampled(CHOOSING, 3))
 def test_branches_of_choosing_parts(name: str) -> None:
     """The branch depends on all choices: a later match of a part may have a lower one."""
     used = {"a": "P", "b": "P", "c": "Q", "d": "Q", "f": "P" if "z or b f" in CHOOSING[name] else "Q"}

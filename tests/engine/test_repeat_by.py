@@ -94,6 +94,7 @@ def detections(tree: RVAFT, events: Sequence[Any]) -> list[bool]:
     return ["⊤" in [one.step(event).symbol for one in apart] for event in events]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 9))])
 def test_only_the_detected_value_starts_afresh(seed: int) -> None:
     random, detected = Random(f"repeat by {seed}"), 0

@@ -19,6 +19,7 @@ from rvaft.errors import TooLarge
 from rvaft.model.verdict import Semantics, Verdict
 from tests.engine.checking import compare
 from tests.engine.pointed import SHAPES, pointed_trace, pointed_trees
+from tests.tables import sampled
 
 SEEDS: Final = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 31))]
 
@@ -38,7 +39,7 @@ def campaign(shape: str, semantics: Semantics, seed: object, count: int) -> dict
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("semantics", sampled(Semantics, 4))
 @pytest.mark.parametrize("shape", SHAPES)
 def test_verdicts_and_explanations(shape: str, semantics: Semantics, seed: int) -> None:
     told = campaign(shape, semantics, seed, 60 if seed else 4 if shape == "shared" else 8)
@@ -222,7 +223,7 @@ def test_what_many_choices_remember(guard: str) -> None:
 
 
 @pytest.mark.parametrize("shape", ["few letters", "values", "one letter each", "a common value"])
-@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("semantics", sampled(Semantics, 4))
 def test_copies_and_pickles(shape: str, semantics: Semantics) -> None:
     random, told = Random(f"copies {shape} {semantics}"), dict.fromkeys(Verdict, 0)
     for tree in islice(pointed_trees(random, shape), 8):

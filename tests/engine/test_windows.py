@@ -10,6 +10,7 @@ from rvaft.language.parser import parse
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics, Verdict
 from tests.engine.checking import compare, small_and_valid
+from tests.tables import sampled
 
 FAMILIES: Final = (
     "top sand v l3; v 2of3 l0 l1 l2 W;",
@@ -81,7 +82,7 @@ def trace_of(random: Random, tree: RVAFT, letters: str, semantics: Semantics) ->
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 30))])
-@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize("semantics", sampled(Semantics, 4, ci=2))
 def test_windows_and_ends_over_choices(semantics: Semantics, seed: int) -> None:
     random, told = Random(f"windows {semantics} {seed}"), dict.fromkeys(Verdict, 0)
     for family in (*FAMILIES, *VALUES):

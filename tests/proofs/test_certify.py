@@ -489,8 +489,7 @@ def test_what_other_positions_and_own_values_need_is_not_certified(tree: str, re
 
 
 @built
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("seed", sampled(((seed,) for seed in range(6)), 3))
+@pytest.mark.parametrize(("language", "seed"), sampled(product(LANGUAGES, range(6)), 18, ci=2))
 def test_random_trees_and_mistakes(language: str, seed: int) -> None:
     """Clause: what is certified has the verdicts of the tree; what differs has a trace of its nodes."""
     statuses: Counter[tuple[bool, int]] = Counter()
@@ -540,7 +539,7 @@ def test_most_random_trees_without_variables_are_certified(language: str) -> Non
 
 @built
 @pytest.mark.parametrize("language", LANGUAGES[1:])
-@pytest.mark.parametrize("shape", [VARIABLES, TIMED], ids=["variables", "times"])
+@pytest.mark.parametrize("shape", sampled([VARIABLES, TIMED], 2), ids=["variables", "times"])
 def test_certified_texts_with_variables_have_the_verdicts_of_the_reference(language: str, shape: Shape) -> None:
     counts: Counter[int] = Counter()
     for seed in range(12):

@@ -42,6 +42,7 @@ def test_there_are_logs() -> None:
     assert len(LOGS) > 50
 
 
+@pytest.mark.ci
 def test_all_shipped_logs(tmp_path: Path) -> None:
     """Each tree is accepted by `rvaft check`, detects its log, and the log breaks none of its assumptions."""
     for log in LOGS:

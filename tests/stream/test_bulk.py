@@ -58,7 +58,7 @@ def log_of(name: str, random: Random) -> list[dict[str, Any]]:
     return [{"time": number, **event} for number, event in enumerate(events[:400])]
 
 
-@pytest.mark.parametrize("name", shipped.names())
+@pytest.mark.parametrize("name", sampled(shipped.names(), 5, ci=2))
 def test_shipped_trees(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     random, log = Random(name), tmp_path / "log.jsonl"
     events = log_of(name, random)

@@ -142,7 +142,7 @@ OPTIONS: Final[dict[str, dict[str, Any]]] = {
 }
 
 
-@pytest.mark.parametrize(("semantics", "options", "per"), sampled(product(Semantics, OPTIONS, Per), 12))
+@pytest.mark.parametrize(("semantics", "options", "per"), sampled(product(Semantics, OPTIONS, Per), 25, ci=2))
 def test_each_tree_is_told_what_it_would_be_alone(semantics: Semantics, options: str, per: Per) -> None:
     random = Random(f"{semantics} {options} {per}")
     for _ in range(8):

@@ -325,7 +325,7 @@ def log_of(trace: Sequence[Json], random: Random) -> bytes:
     return "\n".join(lines).encode()
 
 
-@pytest.mark.parametrize(("name", "per", "semantics"), sampled(product(shipped.names(), Per, Semantics), 5))
+@pytest.mark.parametrize(("name", "per", "semantics"), sampled(product(shipped.names(), Per, Semantics), 11, ci=2))
 def test_shipped_trees(name: str, per: Per, semantics: Semantics) -> None:
     tree = shipped.load(name)
     random = Random(f"{name} {per} {semantics}")
@@ -525,7 +525,9 @@ WRITTEN: Final[dict[str, list[Callable[[int], Any]]]] = {
 """Ways to write a time of some seconds, of which some are unreadable, or fall where the seconds rise."""
 
 
-@pytest.mark.parametrize(("form", "late", "repeat"), [*product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True])])
+@pytest.mark.parametrize(
+    ("form", "late", "repeat"), sampled(product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True]), 5)
+)
 def test_times_that_rise_are_taken_at_once(form: str, late: str, repeat: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_module, "FEW", 2)
     random, seen = Random(f"{form} {late} {repeat}"), set[Doubt]()

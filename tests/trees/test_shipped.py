@@ -34,7 +34,7 @@ STATED = [(name, one) for name, one in EVERY if "detections/" not in name or one
 OTHERS = [pytest.param(*pair, marks=pytest.mark.slow) for pair in EVERY if pair not in STATED]
 
 
-@pytest.mark.parametrize(("name", "semantics"), [*sampled(STATED, 3), *OTHERS])
+@pytest.mark.parametrize(("name", "semantics"), [*sampled(STATED, 7), *OTHERS])
 def test_the_engine_and_every_text_give_the_stored_verdicts(name: str, semantics: Semantics) -> None:
     tree, traces, expected = shipped.load(name), dict(shipped.traces(name)), shipped.expected(name)
     columns = [column for column in next(iter(expected.values()))[semantics] if column in ("tree", "1", "2")]

@@ -33,6 +33,7 @@ from tests.backends.c.programs import BACKEND, SANITIZERS, SCATTERED, TIED, WIND
 from tests.backends.texts import SHAPES
 from tests.cli.runs import TREES, run
 from tests.docs.examples import ROOT
+from tests.tables import part_and_whole, sampled
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
@@ -53,10 +54,11 @@ def trees() -> list[RVAFT]:
     return [*map(loads, VARIED), *shipped]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 @pytest.mark.parametrize(
     "options",
-    [("-DRVAFT_MAIN=1", "-O0"), pytest.param(("-DRVAFT_JSON=0", "-O2"), marks=pytest.mark.ci)],
+    [("-DRVAFT_MAIN=1", "-O0"), ("-DRVAFT_JSON=0", "-O2")],
     ids=["program", "embedded"],
 )
 def test_no_warnings(name: str, options: Sequence[str], tmp_path: Path) -> None:
@@ -70,9 +72,10 @@ def test_no_warnings(name: str, options: Sequence[str], tmp_path: Path) -> None:
         compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *options, "-DRVAFT_PLACES=1", "-c"), command=[name])
 
 
-@pytest.mark.parametrize("text", [TIED, WINDOW, "top sand a b;"])
-@pytest.mark.parametrize("options", [(), ("--repeat",), ("--detections",)])
-@pytest.mark.parametrize("semantics", Semantics)
+@pytest.mark.parametrize(
+    ("text", "options", "semantics"),
+    sampled(product([TIED, WINDOW, "top sand a b;"], [(), ("--repeat",), ("--detections",)], Semantics), 13, ci=4),
+)
 def test_the_output_of_monitor(
     text: str, options: tuple[str, ...], semantics: Semantics, folder: Path, tmp_path: Path
 ) -> None:
@@ -511,7 +514,7 @@ def accepts(tree: RVAFT, line: bytes) -> bool:
     return True
 
 
-@pytest.mark.parametrize("rounds", [1, pytest.param(12, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("rounds", [*part_and_whole(1, 6), pytest.param(24, marks=pytest.mark.slow)])
 def test_sanitizers(rounds: int, tmp_path: Path) -> None:
     """Random trees and traces, and spoiled lines, with checks of memory and of undefined behaviour."""
     random, compared = Random(rounds), 0
@@ -570,7 +573,7 @@ int main(void) {
 """Prints the numbers of the events of each detection."""
 
 
-@pytest.mark.parametrize("rounds", [1, pytest.param(12, marks=pytest.mark.ci)])
+@pytest.mark.parametrize("rounds", [*part_and_whole(1, 6), pytest.param(24, marks=pytest.mark.slow)])
 def test_sanitizers_with_keys(rounds: int, tmp_path: Path) -> None:
     """The detections of each key are those of an engine for its events, and each is one by the definition."""
     random, compared = Random(rounds), 0

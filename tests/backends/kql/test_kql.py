@@ -18,6 +18,7 @@ from rvaft.core.property import Property
 from rvaft.model.assumptions import first_violation
 from rvaft.semantics import Reference, matches
 from tests.cli.runs import run
+from tests.tables import sampled
 from tests.trees import shipped
 
 SCATTERED = Semantics.SCATTERED
@@ -86,7 +87,7 @@ def traces(tree: RVAFT, count: int) -> Iterator[list[Any]]:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("name", TREES)
+@pytest.mark.parametrize("name", sampled(TREES, 4))
 def test_a_table_of_any_shape_has_the_matches_of_the_definition(name: str, shape: str) -> None:
     tree, options = made(name), SHAPES[shape]
     if tree.time is None and options["position"] == options["time"]:
@@ -136,7 +137,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", sampled(FAULTS, 3))
 def test_a_wrong_text_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     tree, right, wrong = FAULTS[fault]
 

@@ -7,11 +7,13 @@ from collections.abc import Mapping
 from itertools import product
 from pathlib import Path
 from random import Random
+from types import SimpleNamespace
 
 import pytest
 
 from backends.mtl import MtlBackend
 from backends.mtl.r2u2 import MtlR2u2Backend
+from backends.mtl.reader import _densely, _reelay, _run_densely
 from cross_check.generate.traces import random_trace
 from cross_check.generate.trees import VARIABLE_FREE, random_tree
 from cross_check.participants import faithful_backends
@@ -379,6 +381,39 @@ def test_a_slip_in_a_window_shows(slip: str | None) -> None:
     assert isinstance(monitor, DetectionMonitor)
     wanted = [first(made, SCATTERED, trace) for trace in traces]
     assert (list(monitor.first_detections(traces)) == wanted) is (slip is None)
+
+
+def test_a_formula_in_dense_time_is_as_long_as_its_text() -> None:
+    """Reelay reads a formula anew for each trace, so that no part may be written twice at each depth."""
+    lengths = []
+    for depth in (4, 8):
+        formula = "{a: true}"
+        for _ in range(depth):
+            formula = f"once[0:2]({{b: true}} and pre(once({formula})))"
+        lengths.append(len(_densely(formula, 1, 1, 2)[0]))
+    assert lengths[1] < 2.5 * lengths[0]
+
+
+def test_reelay_is_asked_once_for_prefixes_and_events_that_fit_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    text, made = BACKEND.translate(loads(WINDOWED), SCATTERED).text, list[str]()
+    extension, options = _reelay()
+
+    def make(formula: str, options: object) -> object:
+        made.append(formula)
+        return extension.dense_monitor.make(formula, options)
+
+    dense = SimpleNamespace(make=make)
+    monkeypatch.setattr("backends.mtl.reader._reelay", lambda: (SimpleNamespace(dense_monitor=dense), options))
+    _run_densely.cache_clear()
+    monitor = BACKEND.read(text)
+    assert isinstance(monitor, DetectionMonitor)
+    traces: list[list[Json]] = [
+        [{"event": "a", "t": 0}, {"event": "b", "t": 1, "more": more}, {"event": "c", "t": 2}] for more in range(9)
+    ]
+    assert monitor.first_detections(traces) == [3] * 9
+    assert len(made) == 1
+    assert monitor.first_detections([trace[:2] for trace in traces]) == [None] * 9
+    assert len(made) == 2
 
 
 @pytest.mark.parametrize("semantics", Semantics)

@@ -15,6 +15,7 @@ import pytest
 from backends.mtl import MtlBackend
 from rvaft import Verdict, load, monitor
 from rvaft.monitors import DetectionMonitor
+from tests.tables import sampled
 
 TREES = Path(__file__).with_name("timescales")
 BETWEEN: Final = "{r: true} and not {q: true} and once {q: true}"
@@ -56,7 +57,7 @@ def traces(name: str) -> Iterator[list[dict[str, Any]]]:
         yield [{"time": time, "is": PROPOSITIONS.get(letter, "idle")} for time, letter in enumerate(letters)]
 
 
-@pytest.mark.parametrize("name", VIOLATIONS)
+@pytest.mark.parametrize("name", sampled(VIOLATIONS, 4, ci=3))
 def test_the_tree_detects_where_the_pattern_is_violated(name: str) -> None:
     pytest.importorskip("reelay", reason="needs Reelay")
     tree, words = load(TREES / f"{name}.rvaft"), [*traces(name)]

@@ -15,7 +15,7 @@ from rvaft import Gate, TooLarge, TraceError, loads, translate
 from rvaft.model.values import Json
 from rvaft.monitors import DetectionMonitor
 from tests.backends.texts import events, flat
-from tests.tables import rows
+from tests.tables import rows, sampled
 
 DECLARED = (
     'event px(p) = { x: p }; event in(u) = { e: "in", u: u }; event out(u) = { e: "out", u: u }; '
@@ -83,7 +83,7 @@ EDITS: list[tuple[str, Callable[[str], str]]] = [
 ]
 
 
-@pytest.mark.parametrize(("name", "edit"), EDITS)
+@pytest.mark.parametrize(("name", "edit"), sampled(EDITS, 3))
 def test_mistakes_in_a_correlation_show(name: str, edit: Callable[[str], str], tmp_path: Path) -> None:
     declared = "".join(f'event {one}(u) = {{ e: "{one}", u: u }}; ' for one in ("in", "cp", "out"))
     made = loads(f"{declared} time t as s; r sand a b c within 3 s; a on in(User); b on cp(User); c on out(User);")

@@ -7,6 +7,7 @@ import re
 import shutil
 import sqlite3
 from importlib.util import find_spec
+from itertools import product
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -42,6 +43,7 @@ from rvaft.semantics import Reference, matches
 from tests.backends.injections import INJECTIONS
 from tests.backends.texts import flat, signs
 from tests.cli.runs import run
+from tests.tables import sampled
 
 HERE = Path(__file__).parent
 READING = [
@@ -90,8 +92,7 @@ JOINED = (
 )
 
 
-@pytest.mark.parametrize("late", ["late 0 s", "late 1 s", ""])
-@pytest.mark.parametrize("name", COUNTED)
+@pytest.mark.parametrize(("name", "late"), sampled(product(COUNTED, ["late 0 s", "late 1 s", ""]), 11, ci=2))
 @pytest.mark.parametrize("language", READING)
 def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
     """As one row where that makes no difference, on events with equal, missing and earlier times."""
@@ -101,7 +102,7 @@ def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
     if late == "late 0 s":
         assert ("count_1" in specification.text) == (name not in JOINED)
     random, traces = Random(f"{name} {late}"), list[list[Any]]()
-    for _ in range(120):
+    for _ in range(80):
         now, trace, letters = 0, list[Any](), random.choice(("aaaabc", "aaabbb"))
         for _ in range(random.randrange(4, 15)):
             now += random.choice((0, 0, 1, 1, 2, random.choice((-1, 1))))
@@ -134,8 +135,7 @@ NEAREST = {
 
 
 @pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
-@pytest.mark.parametrize("late", ["late 0 s", "late 1 s", ""])
-@pytest.mark.parametrize("name", NEAREST)
+@pytest.mark.parametrize(("name", "late"), sampled(product(NEAREST, ["late 0 s", "late 1 s", ""]), 11, ci=2))
 def test_the_nearest_absent_event(name: str, late: str) -> None:
     """By joins with the nearest row, in logs whose times go back, stand still and are absent."""
     compare_nearest(name, late, 150)
@@ -201,7 +201,7 @@ SHIFTED = {
 
 
 @pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
-@pytest.mark.parametrize("fault", SHIFTED)
+@pytest.mark.parametrize("fault", sampled(SHIFTED, 4))
 def test_a_wrong_absence_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     name, late, right, wrong = SHIFTED[fault]
     write = SqlDuckdbBackend.write

@@ -27,6 +27,8 @@ from rvaft.model.guards import (
     Operation,
     Operator,
     conjuncts,
+    definition,
+    is_total,
     value,
     variables,
 )
@@ -72,23 +74,22 @@ def when_true(guard: Guard, wanted: bool = True) -> Guard:
     """Return the condition that the guard equals `wanted`; raises `Inexpressible`."""
     if not variables(guard):
         return ALWAYS if value(guard, {}) is wanted else NEVER
+    if (meaning := definition(guard)) is not None:
+        return when_true(meaning, wanted)
     match guard:
         case Variable():
             return Operation(Operator.EQ, (guard, Literal(wanted)))
         case Operation(Operator.NOT, (operand,)):
             return when_true(operand, not wanted)
         case Operation(Operator.AND | Operator.OR as operator, operands):
-            # An operand counts only if no earlier operand decides.
+            # An operand counts only if no earlier operand decides, or is undefined.
             decides = operator is Operator.OR
-            undecided = [when_true(operand, not decides) for operand in operands]
             if wanted is not decides:
-                return _every(undecided)
-            return _some(_every([*undecided[:i], when_true(operand, decides)]) for i, operand in enumerate(operands))
+                return _every(when_true(operand, not decides) for operand in operands)
+            before = [ALWAYS if is_total(operand) else when_true(operand, not decides) for operand in operands]
+            return _some(_every([*before[:i], when_true(operand, decides)]) for i, operand in enumerate(operands))
         case Operation(Operator.EQ | Operator.NE as operator, (left, right)):
             return _equality(left, right, positive=(operator is Operator.EQ) is wanted)
-        case Operation(Operator.IN, (it, *listed)):
-            each = [_equality(it, one, positive=wanted) for one in listed]
-            return _some(each) if wanted else _every(each)
         case Operation(operator) if operator in TEXTS:
             raise _without(operator)
         case Operation(operator, (left, right)) if operator in ORDERINGS:

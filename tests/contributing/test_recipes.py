@@ -78,7 +78,7 @@ def test_an_operator_works_and_every_backend_refuses_it(made: Made) -> None:
     assert {found for (_, name), found in status.items() if name in faithful} == {"not expressible"}
     guarded = [name for name in all_backends() if Condition in backend(name).capabilities().constructs]
     refused(copy, "the backend writes no operator `length`", f"{SAY}top on say(X) when length(X);", *guarded)
-    refused(copy, backend("sigma").reasons[Condition].text, f"{SAY}top on say(X) when length(X);", "sigma")
+    refused(copy, "guards (`when`) need `assume types;`", f"{SAY}top on say(X) when length(X);", "sigma")
     emitted = copy.rvaft("emit", tree, "--to", "eql", "--semantics", "scattered")
     assert emitted.stderr.endswith("the backend writes no operator `length` (at b)\n"), emitted
     report = copy.python(conformance("length", "automaton"))
@@ -109,7 +109,7 @@ def test_every_language_writes_an_operator_that_others_define(made: Made) -> Non
     assert {name for (_, name), found in status.items() if found in ("proved", "tested")} >= {
         *("automaton", "c", "eql", "kql", "ltlf", "mtl", "rml", "sigma", "sql", "stix")
     }
-    report = copy.python(conformance("between", *faithful))
+    report = copy.python(conformance("between", "automaton", "c", "eql", "ltlf", "mtl", "rml", "sql", "stix"))
     assert report.returncode == 0, report
     empty = copy.write("empty.rvaft", f"{AT}between(X, 5, 2);")
     assert "[contradictory-guards]" in copy.rvaft("check", empty).stdout

@@ -93,7 +93,8 @@ def _tested(test: ConditionTest) -> Guard:
             compared = Operation(_EQUALITIES.get(sign) or Operator(sign), sides)
             return compared if all(map(_is_calculable, sides)) else NEVER
         case SortTest(term, Sort.NUMBER, wanted):
-            known = Operation(Operator.EQ if isinstance(term, Operation) else Operator.LE, (term, term))
+            number = term if isinstance(term, Operation) else Operation(Operator.NEGATE, (term,))
+            known = Operation(Operator.EQ, (number, number))  # arithmetic is defined for numbers only
             return NEVER if not _is_calculable(term) else known if wanted else Operation(Operator.NOT, (known,))
         case SortTest(term):
             raise _without(term.operator if isinstance(term, Operation) else Operator.LT)

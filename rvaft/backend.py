@@ -288,6 +288,8 @@ class Backend(ABC):
         property without them. Raises `NotExpressible` and `TooLarge`.
         """
         with self._refusing(semantics):
+            known = self.capabilities().known  # other operators are replaced by their definitions
+            tree = tree.with_guards(lambda guard: guards.expanded(guard, known))
             prop = decide_constants(property_of(tree))
             assumes = check(prop, semantics, self.capabilities()) | (self.relies & tree.assumes)
             if prop.time is not None and prop.time.late is not None and Feature.LATE not in self.features:

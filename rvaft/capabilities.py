@@ -31,7 +31,19 @@ from rvaft.core.property import (
 from rvaft.core.scenarios import most_events, resolutions
 from rvaft.errors import Cause, NotExpressible, Reason, TooLarge, unwritten
 from rvaft.model import patterns
-from rvaft.model.guards import Duration, Guard, Operation, Operator, conjuncts, holds, time_points, variables, walk
+from rvaft.model.guards import (
+    OPERATORS,
+    Duration,
+    Guard,
+    Operation,
+    Operator,
+    conjuncts,
+    expanded,
+    holds,
+    time_points,
+    variables,
+    walk,
+)
 from rvaft.model.nodes import Assumption, Side, ValueType
 from rvaft.model.patterns import ListPattern, Literal, ObjectPattern, Pattern, SomeItem
 from rvaft.model.verdict import Semantics
@@ -136,6 +148,11 @@ class Capabilities:
     def constructs(self) -> frozenset[type[Part]]:
         """The parts that a tree may have: those of `says`, and those that a pass removes."""
         return self.says.union(*(each.removes for each in self.passes))
+
+    @property
+    def known(self) -> frozenset[Operator]:
+        """The operators that a text can have, some of them with assumptions."""
+        return self.operators.union(one for one in self.needs if isinstance(one, Operator))
 
     def reason(self, lacking: Capability) -> Reason:
         """Return the reason for a refusal; what a backend only does not list says nothing of its language."""
@@ -443,9 +460,17 @@ def table(languages: Mapping[str, Capabilities]) -> list[tuple[str, ...]]:
     for value in Value:
         add(value.value, (supported(one, value, listed=value in one.values) for one in each))
     alike: dict[tuple[str, ...], list[str]] = {}
+
+    def written(language: Capabilities, operator: Operator) -> str:
+        operands = map(patterns.Variable, "123"[: OPERATORS[operator].arity or 2])
+        call = Operation(operator, tuple(operands))
+        used = [part.operator for part in walk(expanded(call, language.known)) if isinstance(part, Operation)]
+        cells = [supported(language, one, listed=one in language.operators) for one in used]
+        return next((cell for cell in cells if cell != "yes"), "yes")
+
     for operator in Operator:
         word = "- x" if operator is Operator.NEGATE else operator.value
-        cells = tuple(supported(one, operator, listed=operator in one.operators) for one in each)
+        cells = tuple(written(one, operator) for one in each)
         alike.setdefault(cells, []).append(word)
     for cells, words in alike.items():
         add(f"operators {' '.join(words)}", cells)

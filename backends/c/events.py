@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from rvaft.errors import NotExpressible, unwritten
-from rvaft.model.guards import Guard, Operation, Operator
+from rvaft.model.guards import Guard, Operation, Operator, definition
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Scalar
 
@@ -87,15 +87,14 @@ def expression(guard: Guard, term: Callable[[Guard], str | None]) -> str:
     match guard:
         case Literal(value):
             return constant(value)
-        case Operation(Operator.IN, (left, *listed)):
-            tested = expression(left, term)
-            return _folded("either({}, {})", [f"equals({tested}, {expression(one, term)})" for one in listed])
         case Operation(operator, operands) if operator in _FOLDS:
             return _folded(_FOLDS[operator], [expression(one, term) for one in operands])
-        case Operation(operator, operands):
+        case Operation(operator, operands) if operator in _CALLS:
             return _CALLS[operator].format(*(expression(one, term) for one in operands))
         case _:
-            raise AssertionError(f"no value of {guard}")
+            meaning = definition(guard)
+            assert meaning is not None, f"no value of {guard}"
+            return expression(meaning, term)
 
 
 def _folded(call: str, terms: list[str]) -> str:

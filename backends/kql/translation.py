@@ -264,7 +264,7 @@ class KqlQuery:
                 constant |= {joined[0], event}
             joined.append(event)
             todo.remove(event)
-        if one.absences:
+        if one.absences and not self.header.trace:
             constant |= {joined[0]}
         seen = set[Event]()
         for event in joined:
@@ -386,7 +386,10 @@ class KqlQuery:
     def _breaking(self, one: JoinedScenario, clause: Without, part: Sequence[Event]) -> list[str]:
         """Return the conditions that an event breaks a clause, apart from keys and decisions."""
         row = self.absent[clause]
-        begin, end = (_several(word, [f"pos_{number}" for number in self._of(part)]) for word in ("min_of", "max_of"))
+        first = [event for event in part if one.before[event].isdisjoint(part)]
+        last = [event for event in part if not any(event in one.before[other] for other in part)]
+        begin = _several("min_of", [f"pos_{number}" for number in self._of(first)])
+        end = _several("max_of", [f"pos_{number}" for number in self._of(last)])
         match clause.side:
             case Side.DURING:
                 found = [f"{begin} < pos_{row}", f"pos_{row} < {end}"]
@@ -399,7 +402,19 @@ class KqlQuery:
                 found = [f"{end} < pos_{row}", f"time_{row} - {self._end(part)} {self._bound(clause.duration or 0)}"]
             case _:
                 assert_never(clause.side)
-        used = [event for event in one.before if compatible(clause.pattern, event.pattern)]
+        match clause.side:  # the positions of the clause exclude some events of the match
+            case Side.DURING:
+                excluded = {
+                    event for event in one.before if all(event in {other, *one.before[other]} for other in first)
+                }
+                excluded |= {event for event in one.before if {event, *one.before[event]}.issuperset(last)}
+            case Side.BEFORE:
+                excluded = {event for event in one.before if not {event, *one.before[event]}.isdisjoint(part)}
+            case Side.AFTER:
+                excluded = {*part}.union(*(one.before[event] for event in part))
+            case _:
+                assert_never(clause.side)
+        used = [event for event in one.before if event not in excluded and compatible(clause.pattern, event.pattern)]
         found += [f"pos_{row} != pos_{number}" for number in self._of(used)]
         paths, terms = variable_paths(clause.pattern), self._terms(one)
         columns = {name: self._variable(paths[name], self._column(name, row)) for name in paths}
@@ -475,7 +490,8 @@ class KqlQuery:
             number = self.number[event]
             yield from (f"{name}_{number}" for name in ("trace", "pos", "time") if name != "trace" or self.header.trace)
             yield from (self._column(name, event) for name in rigid_variables(untimed(event.pattern)[0]))
-        yield f"one_{self.number[first]}"
+        if not self.header.trace:
+            yield f"one_{self.number[first]}"
 
     def _terms(self, one: JoinedScenario) -> dict[str, _Term]:
         """Return the first column of each variable."""

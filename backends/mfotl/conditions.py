@@ -3,7 +3,7 @@
 Expressions over one event that MonPoly evaluates differently become arguments.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from itertools import chain, product
 from typing import Final, TypeAlias
 
@@ -51,15 +51,20 @@ def either(*several: Ways) -> Ways:
 class Conditions:
     """The guards of a scenario.
 
-    `times` are the variables of times, `bound` the variables of each event. `column` returns the
-    argument of a column, and `columns` collects the columns used.
+    `times` are the variables of times, `bound` the variables of each event, and `earlier` for each
+    variable of a time those that are never later. `column` returns the argument of a column, and
+    `columns` collects the columns used.
     """
 
     def __init__(
-        self, times: frozenset[str], bound: Collection[frozenset[str]], column: Callable[[Column], str]
+        self,
+        times: frozenset[str],
+        bound: Collection[frozenset[str]],
+        column: Callable[[Column], str],
+        earlier: Mapping[str, Collection[str]],
     ) -> None:
         self.columns: set[Column] = set()
-        self._bound, self._column = bound, column
+        self._bound, self._column, self._earlier = bound, column, earlier
         self._conditions = TruthConditions(times, self._is_argument)
 
     def _is_argument(self, term: Guard) -> bool:
@@ -102,13 +107,39 @@ class Conditions:
                 _operands(one, op) for one, op in zip(left.operands, (Operator.MAX, Operator.MIN), strict=True)
             )
             if len(greatest) + len(least) > 2:  # a window: a bound on the extremes is a bound on all pairs
-                pairs = (Operation(Operator.SUB, pair) for pair in product(greatest, least))
-                return both(*(self._compared(sort, pair, sign, right) for pair in pairs))
+                single = (term for term in (*greatest, *least) if isinstance(term, Variable))
+                defined = (((self._is(term, sort),),) for term in single)
+                pairs = self._deciding(greatest, least, right)
+                return both(
+                    *defined, *(self._compared(sort, Operation(Operator.SUB, pair), sign, right) for pair in pairs)
+                )
         found = []
         for (some, one), (more, other) in product(self._terms(left, sort), self._terms(right, sort)):
             written = f"NOT ({one} = {other})" if sign == "<>" else f"{one} {sign} {other}"
             found.append((*some, *more, written))
         return both(tuple(found))
+
+    def _deciding(
+        self, greatest: Sequence[Guard], least: Sequence[Guard], most: Guard
+    ) -> Iterator[tuple[Guard, Guard]]:
+        """Yield the pairs whose differences decide the bound of all, if all terms are defined."""
+
+        def earlier(one: Guard, other: Guard) -> bool:
+            """Whether the first of two times is never later than the second."""
+            match one, other:
+                case Variable(name), Variable(later):
+                    return name == later or name in self._earlier.get(later, ())
+                case _:
+                    return False
+
+        ends = [one for one in greatest if not any(earlier(one, other) for other in greatest if other != one)]
+        starts = [one for one in least if not any(earlier(other, one) for other in least if other != one)]
+        match most:
+            case Literal(int() | float() as bound):
+                positive = bound > 0
+            case _:
+                positive = False
+        yield from (pair for pair in product(ends, starts) if not (positive and earlier(*pair)))
 
     def _terms(self, term: Guard, sort: Sort) -> list[tuple[tuple[str, ...], str]]:
         """Return alternative conditions under which a term has a value, each with the text of the

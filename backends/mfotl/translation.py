@@ -25,6 +25,7 @@ from rvaft.core.scenarios import Scenario
 from rvaft.core.times import untimed
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Guard, variables
+from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Literal, ObjectPattern, Variable, rigid_variables
 from rvaft.model.verdict import Semantics
 from rvaft.support.bits import bits
@@ -58,6 +59,7 @@ class MfotlFormula:
     def __init__(self, prop: Property, semantics: Semantics, limit: int) -> None:
         time = prop.tree.time
         self._lateness = 0 if time is None else time.late or 0
+        self._in_order = Assumption.ORDER in prop.assumes and self._lateness == 0
         prop, self._deciding = timed_absences(without_vacuous(prop, semantics))
         self._semantics, self._limit, self._size = semantics, limit, 0
         minimal = semantics is Semantics.SCATTERED and not prop.absences  # an absent event may be one that is used
@@ -97,7 +99,8 @@ class MfotlFormula:
         bound = {event: frozenset(rigid_variables(event.pattern)) for event in events}
         absences = LackedEvent.all(scenario, self._deciding, self._lateness)
         others = [names for one in absences for names in (one.bound, one.deciding)]
-        conditions, ways = Conditions(self._times, [*bound.values(), *others], self._column), list[Ways]()
+        conditions = Conditions(self._times, [*bound.values(), *others], self._column, self._earlier(scenario))
+        ways = list[Ways]()
 
         def several(node: str, guard: Guard) -> NotExpressible | None:
             try:
@@ -150,6 +153,14 @@ class MfotlFormula:
             self._spend(len(events) + sum(map(len, orders)) + len(way))
             once = [f"(ONCE {one})" for one in atoms]
             yield from without(_conjunction(once, orders, way, bound_names), bound_names, clauses, self._spend)
+
+    def _earlier(self, scenario: Scenario) -> dict[str, set[str]]:
+        """Return for each variable of a time those that are never later, in a log whose times do not decrease."""
+        if not self._in_order:
+            return {}
+        times = [untimed(event.pattern)[1] for event in scenario.events]
+        earlier = ({times[one] for one in bits(before)} for before in scenario.before)
+        return {time: {one for one in some if one} for time, some in zip(times, earlier, strict=True) if time}
 
     def _orders_of(self, scenario: Scenario, events: Sequence[Event], places: Mapping[Event, str]) -> list[list[str]]:
         """Return the comparisons of each event's position with those of the events before it in `events`."""

@@ -44,7 +44,7 @@ class SigmaBackend(Backend):
       rules:
       - break_in
       - alarm
-      timespan: 50000d
+      timespan: 200y
     """
 
     name: ClassVar[str] = "sigma"

@@ -104,6 +104,8 @@ class _SigmaProgram:
             return "Sigma orders events by time, and the times do not increase"
         if any(at(event, name.split("."), 0) is None for event in trace for name in self._fields):
             return "Sigma does not distinguish null from a missing field"
+        if any(_has_dotted(event, name) for event in trace for name in self._fields if "." in name):
+            return "Sigma does not distinguish a key with a dot from a field inside"
         known: dict[object, Json] = {}
         for name in self._grouped:
             for event in trace:
@@ -130,6 +132,24 @@ class _SigmaProgram:
         column = columns.index("occurrence_time")
         end = min((row[column] for row in found), default=_LAST)
         return next((number for number, time in enumerate(times, 1) if time >= end), None)
+
+
+def _has_dotted(event: Json, name: str) -> bool:
+    """Whether some key of an event with a dot may be (the beginning of) a field.
+
+    >>> _has_dotted({"id.orig_h": 1}, "id.orig_h"), _has_dotted({"id": {"orig_h": 1}}, "id.orig_h")
+    (True, False)
+    """
+    todo = [(event, name.split("."))]
+    while todo:
+        value, steps = todo.pop()
+        if isinstance(value, Mapping):
+            for end in range(1, len(steps) + 1):
+                if (key := ".".join(steps[:end])) in value:
+                    if end > 1:
+                        return True
+                    todo.append((value[key], steps[end:]))
+    return False
 
 
 def _relevant_parts(documents: Iterable[Any]) -> list[Any]:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from functools import reduce
-from itertools import chain, combinations, product, takewhile
+from itertools import chain, combinations, count, product, takewhile
 from typing import Any, Final, NamedTuple, NoReturn, TypeAlias
 
 from backends.nests import NEVER, WINDOW, Nest, Nesting, in_every_order
@@ -21,16 +21,18 @@ from rvaft.core.property import All, Condition, Event, One, PartKind, Property, 
 from rvaft.errors import NotExpressible, TooLarge, installed, naming, unwritten
 from rvaft.export.rule_metadata import about, origin, rule_id, rule_metadata
 from rvaft.model.assumptions import Declared, declared
+from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import Guard, conjuncts
 from rvaft.model.nodes import Assumption
 from rvaft.model.patterns import Literal, ObjectPattern, Pattern, Variable, rigid_variables
 from rvaft.model.values import equal
 
-_DAYS: Final = 50_000
-FOREVER: Final = f"{_DAYS}d"
-"""The timespan without a window: longer than any trace."""
-_SECOND: Final = 1_000_000_000
+FOREVER: Final = "200y"
+"""The timespan without a window, which a correlation has to state: longer than the times that the reader takes."""
+_SECOND: Final = UNITS["s"]
+_LONGEST: Final = 200 * 365 * UNITS["d"]
+_SPANS: Final = {"d": UNITS["d"], "h": UNITS["h"], "m": UNITS["min"], "s": UNITS["s"]}
 _UNIT: Final = "rules of the correlation"
 _MIXED: Final = "one event can match two rules, and a correlation would count it twice"
 _WINDOW: Final = "a correlation has one timespan from its first event, and passes on only the time of its last one"
@@ -197,21 +199,25 @@ class SigmaRules:
         return self._of("temporal", [*names], within, **further)
 
     def _sequence(self, steps: Chain, within: int | None) -> dict[str, Any]:
-        """Return the correlation of a sequence; equal events at its beginning are counted."""
+        """Return the correlation of a sequence; equal events at its beginning are counted.
+
+        Others have a rule each: a count has the time of its last event, so its first ones may come
+        before the events before it.
+        """
         equal_ones = len([*takewhile(lambda one: self._key(one) == self._key(steps[0]), steps)])
         counted = equal_ones > 1 and (within is None or equal_ones == len(steps))
         names = list[str]()
         if counted:
-            count = self._of("event_count", [self._rule(steps[0], 0)], within, condition={"gte": equal_ones})
+            counting = self._of("event_count", [self._rule(steps[0], 0)], within, condition={"gte": equal_ones})
             if equal_ones == len(steps):
-                return count
-            names, steps = [self._child(count)], steps[equal_ones:]
+                return counting
+            names, steps = [self._child(counting)], steps[equal_ones:]
         keys = [self._key(one) for one in steps]
         names += [self._rule(one, keys[:number].count(keys[number])) for number, one in enumerate(steps)]
         return self._of("temporal_ordered", names, within)
 
     def _of(self, kind: str, names: list[str], within: int | None, **further: Any) -> dict[str, Any]:
-        if within is not None and (within < _SECOND or within % _SECOND or within > _DAYS * 86_400 * _SECOND):
+        if within is not None and (within < _SECOND or within % _SECOND or within > _LONGEST):
             self._refuse("a timespan has whole seconds, at least one", (one.source.node for one in self._windows))
         bound = {name: self._bound[name] for name in names if name in self._bound}
         aliases = {
@@ -222,7 +228,7 @@ class SigmaRules:
         found: dict[str, Any] = {"type": kind, "rules": names}
         found |= {"aliases": aliases} if bound and aliases else {}
         found |= {"group-by": [*dict.fromkeys(self._groups.values())]} if self._groups else {}
-        return found | {"timespan": FOREVER if within is None else f"{within // _SECOND}s", **further}
+        return found | {"timespan": FOREVER if within is None else _timespan(within), **further}
 
     def _child(self, correlation: dict[str, Any]) -> str:
         if (key := str(correlation)) not in self._names:
@@ -315,9 +321,8 @@ class SigmaRules:
     def _named(self, key: object, wish: str) -> str:
         word = re.sub(r"[^a-z0-9_]", "_", wish.lower()) or "_"
         word = f"e_{word}" if word in ("and", "or", "not", "of") or not word[0].isalpha() else word
-        while word in self._documents:
-            word += "_"
-        return self._names.setdefault(key, word)
+        names = chain([word], (f"{word}_{number}" for number in count(2)))
+        return self._names.setdefault(key, next(name for name in names if name not in self._documents))
 
     def _key(self, step: Nest) -> object:
         if step.within is not None:
@@ -368,6 +373,16 @@ class SigmaRules:
     def _declared(self, leaf: Nest) -> Declared:
         assert leaf.event is not None, "a leaf"
         return declared(self._prop.tree, leaf.event.source.node, self._prop.assumes)
+
+
+def _timespan(length: int) -> str:
+    """Return a number of seconds in the largest unit.
+
+    >>> _timespan(600 * _SECOND), _timespan(90 * _SECOND)
+    ('10m', '90s')
+    """
+    unit = next(unit for unit, size in _SPANS.items() if not length % size)
+    return f"{length // _SPANS[unit]}{unit}"
 
 
 def _observes(nest: Nest) -> bool:

@@ -83,8 +83,8 @@ class GuardFacts:
                 self._constant(name, text, *_behind(text))
             case Operation() if variables(guard):
                 self.gap = BEYOND
-                for name, text in product(variables(guard), _examples(guard)):
-                    self._constant(name, text)
+                for name, example in product(variables(guard), _examples(guard)):
+                    self._constant(name, example)
             case _:
                 pass
 
@@ -133,8 +133,9 @@ def _behind(text: str) -> Iterator[str]:
         yield rest[:-1] + chr(ord(rest[-1]) + 1)
 
 
-def _examples(guard: Guard) -> Iterator[str]:
+def _examples(guard: Guard) -> Iterator[Scalar]:
     for literal in (part.value for part in walk(guard) if isinstance(part, Literal)):
+        yield literal
         if isinstance(literal, str):
             plain = literal.replace("*", "").replace("?", "x")
             yield from dict.fromkeys((plain, f"x{plain}", f"{plain}x", literal.upper()))

@@ -5,9 +5,9 @@ A condition combines tests by conjunction and disjunction; it is never undefined
 and for false are derived separately. A backend only spells the tests.
 """
 
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Self, TypeAlias, TypeVar
+from typing import Final, Self, TypeAlias, TypeVar, assert_never
 
 from rvaft.model.assumptions import Declared, Path
 from rvaft.model.guards import (
@@ -21,6 +21,7 @@ from rvaft.model.guards import (
     Operation,
     Operator,
     Sort,
+    definition,
     folded,
     is_total,
     value,
@@ -140,6 +141,8 @@ class TruthConditions:
             return ALWAYS if value(guard, {}) is wanted else NEVER
         if isinstance(guard, Variable) or self._is_whole(guard):
             return TruthTest(guard, wanted) if self.sort(guard) in (Sort.TRUTH, Sort.UNKNOWN) else NEVER
+        if (meaning := definition(guard)) is not None:
+            return self._when(meaning, wanted)
         assert isinstance(guard, Operation), "a constant has no variables"
         left, *others = guard.operands
         match guard.operator:
@@ -148,15 +151,9 @@ class TruthConditions:
             case Operator.AND | Operator.OR if wanted is (guard.operator is Operator.AND):
                 return _all(self._when(operand, wanted) for operand in guard.operands)
             case Operator.AND | Operator.OR:
-                found: TruthCondition = NEVER
-                for operand in reversed(guard.operands):
-                    found = self._decided(operand, wanted, found)
-                return found
+                return self._decided(guard.operands, wanted)
             case Operator.EQ | Operator.NE:
                 return self._equality(left, others[0], wanted is (guard.operator is Operator.EQ))
-            case Operator.IN:
-                several = (self._equality(left, element, wanted) for element in others)
-                return _any(several) if wanted else _all(several)
             case operator if operator in ORDERINGS:
                 sign = operator if wanted else OPERATORS[operator].negated
                 return _any(self._compared(sort, left, str(sign), others[0]) for sort in (Sort.NUMBER, Sort.TEXT))
@@ -164,25 +161,43 @@ class TruthConditions:
                 assert operator in ARITHMETIC | FUNCTIONS, f"no conditions for {operator}"
                 return TruthTest(guard, wanted) if self.sort(guard) is Sort.TRUTH else NEVER
 
-    def _decided(self, guard: Guard, wanted: bool, rest: TruthCondition) -> TruthCondition:
-        opposite = () if rest is NEVER or self._is_total(guard) else (self._when(guard, not wanted),)
-        return _any([self._when(guard, wanted), _all([*opposite, rest])])
+    def _decided(self, operands: Sequence[Guard], wanted: bool) -> TruthCondition:
+        """Return the condition that an operand has the truth value `wanted`, and all before it the opposite one.
 
-    def _is_total(self, guard: Guard) -> bool:
-        """Whether a guard is surely true or false."""
+        An operand before it need not be tested if it is defined wherever a later one decides.
+        """
+        ways: list[TruthCondition] = []  # the last one first
+        given: Mapping[Guard, Sort] = {}
+        for operand in reversed(operands):
+            if ways and not self._is_total(operand, given):
+                opposite = self._when(operand, not wanted)
+                ways, given = [_all([opposite, _any(reversed(ways))])], {**given, **_sorts_in(opposite)}
+            if (way := self._when(operand, wanted)) is not NEVER:
+                sorts = _sorts_in(way)
+                given = {term: sort for term, sort in given.items() if sorts.get(term) is sort} if ways else sorts
+                ways.append(way)
+        return _any(reversed(ways))
+
+    def _is_total(self, guard: Guard, given: Mapping[Guard, Sort]) -> bool:
+        """Whether a guard is surely true or false where terms have given sorts."""
         match guard:
             case Operation(operator, operands) if operator in COMPARISONS | FUNCTIONS:
-                sorts = {self._sure_sort(operand) for operand in operands}
-                known = len(sorts) == 1 and None not in sorts and OPERATORS[operator].gives is Sort.TRUTH
+                sorts, facts = {self._sure_sort(operand, given) for operand in operands}, OPERATORS[operator]
+                known = len(sorts) == 1 and None not in sorts and facts.gives is Sort.TRUTH
+                known &= facts.takes is None or sorts <= facts.takes
             case Operation(Operator.NOT | Operator.AND | Operator.OR, operands):
-                known = all(map(self._is_total, operands))
+                known = all(self._is_total(operand, given) for operand in operands)
+            case Operation() if (meaning := definition(guard)) is not None:
+                known = self._is_total(meaning, given)
             case _:
-                known = self._sure_sort(guard) is Sort.TRUTH
+                known = self._sure_sort(guard, given) is Sort.TRUTH
         return known or (is_total(guard) and self._times.isdisjoint(variables(guard)))
 
-    def _sure_sort(self, term: Guard) -> Sort | None:
-        """Return the sort of a variable that is not null, or of a constant; else None."""
+    def _sure_sort(self, term: Guard, given: Mapping[Guard, Sort]) -> Sort | None:
+        """Return the sort of a variable that is not null, of a constant, or of a term with a given one; else None."""
         match term:
+            case _ if term in given:
+                return given[term]
             case Variable(name) if name in self._present and name not in self._times:
                 sort = self._sorts.get(name)
                 return sort if sort in (Sort.NUMBER, Sort.TEXT, Sort.TRUTH) else None
@@ -252,7 +267,7 @@ class TruthConditions:
                 facts = OPERATORS[operator]
                 if not variables(term):  # a constant term that has a value is folded
                     return Sort.VOID
-                if operator in ARITHMETIC | FUNCTIONS and facts.takes is not None:
+                if operator in ARITHMETIC | FUNCTIONS and facts.takes is not None and facts.means is None:
                     sorts = {self.sort(operand) for operand in operands}
                     taken = {*facts.takes, Sort.UNKNOWN, *((Sort.TIME,) if Sort.NUMBER in facts.takes else ())}
                     if not sorts <= taken:
@@ -264,6 +279,33 @@ class TruthConditions:
                             raise Unsayable("it calculates with a time and a value that is not a time")
                         return Sort.TIME
                 return facts.gives
+
+
+def _sorts_in(condition: TruthCondition) -> dict[Guard, Sort]:
+    """Return the terms that are a number, a text or a Boolean wherever a condition holds; times count as numbers."""
+    found: dict[Guard, Sort] = {}
+    match condition:
+        case ConditionJunction(every=True, parts=parts):
+            for part in parts:
+                found |= _sorts_in(part)
+        case ConditionJunction(parts=parts):
+            first, *others = [_sorts_in(part) for part in parts] or [found]
+            found = {term: sort for term, sort in first.items() if all(one.get(term) is sort for one in others)}
+        case ComparisonTest(sort, left, _, right):
+            found = dict.fromkeys((left, right), Sort.NUMBER if sort is Sort.TIME else sort)
+        case EqualityTest(term, Literal(constant), True) | EqualityTest(Literal(constant), term, True):
+            found = {term: TruthConditions().sort(Literal(constant))}
+        case TruthTest(Operation(operator, operands)) if (takes := OPERATORS[operator].takes) and len(takes) == 1:
+            found = dict.fromkeys(operands, *takes)
+        case TruthTest(term):
+            found = {term: Sort.TRUTH}
+        case SortTest(term, sort, True):
+            found = {term: sort}
+        case EqualityTest() | SortTest():
+            pass
+        case _:
+            assert_never(condition)
+    return {term: sort for term, sort in found.items() if sort in (Sort.NUMBER, Sort.TEXT, Sort.TRUTH)}
 
 
 def _all(parts: Iterable[TruthCondition]) -> TruthCondition:

@@ -24,6 +24,8 @@ from rvaft.model.guards import (
     Operator,
     Predicate,
     Sort,
+    definition,
+    expanded,
     folded,
     holds,
     predicate,
@@ -85,6 +87,8 @@ def _alternatives(guards: Iterable[Guard]) -> list[Way]:
 
 def _when(guard: Guard, *, truth: bool) -> list[Way]:
     """Return the alternatives for a truth value; the parser bounds the depth."""
+    if (meaning := definition(guard)) is not None:
+        return _when(meaning, truth=truth)
     match guard:
         case Operation(Operator.NOT, (operand,)):
             return _when(operand, truth=not truth)
@@ -109,10 +113,6 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             return [(GuardComparison(Operator.EQ, guard, Literal(truth)),)]
         case Literal(constant):
             return [()] if constant is truth else []
-        case Operation(Operator.IN, (operand, *listed)):
-            operator = Operator.EQ if truth else Operator.NE
-            compared_with = [_when(Operation(operator, (operand, literal)), truth=True) for literal in listed]
-            return _bounded(chain(*compared_with)) if truth else _all_of(compared_with)
         case Operation(operator) if operator not in _VALUES:
             if not variables(guard):
                 return [()] if value(guard, {}) is truth else []
@@ -124,6 +124,8 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
             return []  # numbers and texts have no truth value
 
 
+_UNDEFINED: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.means is None)
+"""Operators without a definition by others."""
 _VALUES: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.gives is not Sort.TRUTH)
 """Operators that give a number or a text."""
 _TEXTS: Final = frozenset({Sort.TEXT})
@@ -493,7 +495,8 @@ def bounds(guard: Guard, name: str, binding: Binding) -> Iterator[Json]:
 
 
 def _comparisons(guard: Guard) -> Iterator[Operation]:
-    return (part for part in walk(guard) if isinstance(part, Operation) and part.operator in COMPARISONS)
+    parts = walk(expanded(guard, _UNDEFINED))
+    return (part for part in parts if isinstance(part, Operation) and part.operator in COMPARISONS)
 
 
 def _solved(side: Guard, name: str, goal: Json, binding: Binding) -> Iterator[Json]:

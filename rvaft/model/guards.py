@@ -9,7 +9,7 @@ import json
 import operator as python
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum, StrEnum, auto
 from functools import lru_cache
@@ -84,6 +84,8 @@ class OperatorFacts(NamedTuple):
     - `arity`: the number of operands (None: two or more).
     - `negated`: the complement of a comparison on defined operands.
     - `mirrored`: the comparison with exchanged sides.
+    - `means`: the definition by other operators, from the operands (None: it has none). It includes
+      where the operator is undefined; without a `function` it is also how the operator is evaluated.
     """
 
     level: int
@@ -95,6 +97,7 @@ class OperatorFacts(NamedTuple):
     compare: Callable[[Any, Any], bool] | None = None
     negated: Operator | None = None
     mirrored: Operator | None = None
+    means: "Callable[..., Guard] | None" = None
 
 
 def _equality(left: Json, right: Json) -> Json:
@@ -169,6 +172,11 @@ def _listed(value: Json, *listed: Json) -> Json:
     return any(equal(value, item) for item in listed) if is_finite(value) else UNDEFINED
 
 
+def _one_of(value: "Guard", *listed: "Guard") -> "Guard":
+    alternatives = tuple(Operation(Operator.EQ, (value, one)) for one in listed)
+    return alternatives[0] if len(alternatives) == 1 else Operation(Operator.OR, alternatives)
+
+
 def _like(text: str, glob: str) -> bool:
     return _glob(glob).fullmatch(text) is not None
 
@@ -209,7 +217,7 @@ OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
     _O.MUL: OperatorFacts(6, "*", _calculating(python.mul), _NUMERALS, Sort.NUMBER),
     _O.DIV: OperatorFacts(6, "/", _calculating(python.truediv), _NUMERALS, Sort.NUMBER),
     _O.NEGATE: OperatorFacts(7, "-", _calculating(python.neg), _NUMERALS, Sort.NUMBER, 1),
-    _O.IN: OperatorFacts(4, "in", _listed, None, Sort.TRUTH, None),
+    _O.IN: OperatorFacts(4, "in", _listed, None, Sort.TRUTH, None, means=_one_of),
     _O.STARTSWITH: OperatorFacts(8, "startswith", _texts(str.startswith), _STRINGS, Sort.TRUTH),
     _O.ENDSWITH: OperatorFacts(8, "endswith", _texts(str.endswith), _STRINGS, Sort.TRUTH),
     _O.CONTAINS: OperatorFacts(8, "contains", _texts(str.__contains__), _STRINGS, Sort.TRUTH),
@@ -335,6 +343,46 @@ def renamed(guard: Guard, names: Mapping[str, str]) -> Guard:
     return substitute(guard, {old: Variable(new) for old, new in names.items()})
 
 
+MAX_EXPANDED: Final = 1_000
+"""The maximum number of parts of a guard that `expanded` returns."""
+
+
+def definition(guard: Guard) -> Guard | None:
+    """Return what a guard means by the definition of its operator, if it has one; else None.
+
+    >>> definition(Operation(Operator.IN, (Variable("X"), Literal(1))))
+    Operation(operator=<Operator.EQ: '=='>, operands=(Variable(name='X'), Literal(value=1)))
+    """
+    means = OPERATORS[guard.operator].means if isinstance(guard, Operation) else None
+    return means(*guard.operands) if means is not None and isinstance(guard, Operation) else None
+
+
+def expanded(guard: Guard, known: Collection[Operator]) -> Guard:
+    """Return the guard with operators replaced by their definitions, if all operators there are known.
+
+    A known operator stays, and so does a guard that would have more than `MAX_EXPANDED` parts.
+    """
+    size = 0
+
+    def of(part: Guard) -> Guard:
+        nonlocal size
+        size += 1
+        if not isinstance(part, Operation) or size > MAX_EXPANDED:
+            return part
+        meaning = None if part.operator in known else definition(part)
+        if meaning is not None and {*_operators(meaning)} - {*_operators(part)} <= {*known}:
+            return of(meaning)
+        operands = tuple(map(of, part.operands))
+        return part if all(map(python.is_, operands, part.operands)) else Operation(part.operator, operands)
+
+    found = of(guard)
+    return guard if size > MAX_EXPANDED else found
+
+
+def _operators(guard: Guard) -> Iterator[Operator]:
+    return (part.operator for part in walk(guard) if isinstance(part, Operation))
+
+
 def folded(guard: Guard) -> Guard:
     """Return the guard with constant parts replaced by their values, if defined.
 
@@ -374,6 +422,11 @@ def evaluation(guard: Guard) -> Callable[[Binding], Json]:
             return python.itemgetter(name)
         case Operation(operator, operands):
             calculate, parts = OPERATORS[operator].function, [evaluation(operand) for operand in operands]
+            means = OPERATORS[operator].means
+    if calculate is None and means is not None:
+        names = [str(number) for number, _ in enumerate(parts)]
+        body = evaluation(means(*map(Variable, names)))
+        return lambda binding: body({name: part(binding) for name, part in zip(names, parts, strict=True)})
     if calculate is None:
         decides = operator is Operator.OR
 

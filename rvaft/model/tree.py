@@ -4,7 +4,7 @@ The constructor checks the structure; the rules about scenarios are in `rvaft.ru
 """
 
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from heapq import heappop, heappush
 from types import MappingProxyType
@@ -136,6 +136,22 @@ class RVAFT:
         >>> loads("semantics strict; top and a b;").changed(semantics=None).semantics
         """
         return RVAFT(**{**_stated(self), **parts})
+
+    def with_guards(self, change: Callable[[Guard], Guard]) -> "RVAFT":
+        """Return the tree with each guard replaced, also those of absent and of ignored events.
+
+        It is this tree if `change` returns each guard itself.
+        """
+
+        def changed(one: Any, **parts: Any) -> Any:
+            parts |= {} if one.when is None else {"when": change(one.when)}
+            return one if all(getattr(one, name) == part for name, part in parts.items()) else replace(one, **parts)
+
+        nodes = [changed(node, without=tuple(map(changed, node.without))) for node in self.nodes.values()]
+        ignores = tuple(map(changed, self.ignores))
+        whole = self.part_of and replace(self.part_of, tree=self.part_of.tree.with_guards(change))
+        same = nodes == [*self.nodes.values()] and ignores == self.ignores and whole == self.part_of
+        return self if same else self.changed(nodes=nodes, ignores=ignores, part_of=whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(RVAFT, **_stated(self)), ()

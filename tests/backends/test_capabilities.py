@@ -13,7 +13,8 @@ from rvaft.core.passes import expand_times, order_ends, windows_to_guards
 from rvaft.core.property import PARTS, All, Condition, Event, Property
 from rvaft.core.restriction import restrict
 from rvaft.errors import Cause, Reason, WrongType, cannot, unwritten
-from rvaft.model.guards import Operator
+from rvaft.language.parser import parse_guard
+from rvaft.model.guards import Operation, Operator, definition, walk
 from tests.cli.runs import run
 
 EVENTS = "event e(v) = { v: v }; event f(v) = { w: v }; "
@@ -75,17 +76,25 @@ def test_a_refusal_names_the_nodes() -> None:
 
 @pytest.mark.parametrize(("operator", "guard"), GUARDS.items(), ids=map(str, GUARDS))
 def test_every_operator_is_refused_unless_it_is_listed(operator: Operator, guard: str) -> None:
+    meaning = definition(parse_guard(guard))
+    parts = {part.operator for part in walk(meaning) if isinstance(part, Operation)}
+
     class Without(Bare):
         says = GATES | {Condition}
         values = JSON_VALUES
-        operators = frozenset(Operator) - {operator}
+        operators = frozenset(Operator) - {operator, *parts}
 
     class With(Without):
         operators = frozenset(Operator)
 
+    class WithParts(Without):
+        operators = frozenset(Operator) - {operator}
+
     text = f"r on e(X) when {guard};"
     assert f"`{operator.value}`" in refusal(Without(), text).reason
     assert With().translate(loads(EVENTS + text), Semantics.SCATTERED)
+    if parts:
+        assert WithParts().translate(loads(EVENTS + text), Semantics.SCATTERED)
 
 
 def test_a_guard_that_decides_relevance_is_checked_where_relevance_counts() -> None:

@@ -32,6 +32,39 @@ OPERATOR: Final[Recipe] = {
 }
 """The function `length(X)`: the number of characters of a text."""
 
+_MEANS: Final = (
+    "means=lambda x, low, high: Operation(_O.AND, (Operation(_O.GE, (x, low)), Operation(_O.LE, (x, high))))"
+)
+DEFINED: Final[Recipe] = {
+    "member": [Edit("rvaft/model/guards.py", '    MAX = "max"\n', '    BETWEEN = "between"\n')],
+    "table": [
+        Edit(
+            "rvaft/model/guards.py",
+            '    _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, Sort.NUMBER, None),\n',
+            f'    _O.BETWEEN: OperatorFacts(8, "between", None, _ORDERED, Sort.TRUTH, 3, {_MEANS}),\n',
+        )
+    ],
+    "grammar": [Edit("rvaft/language/grammar.lark", "FUNCTION    : /(?:", "between|")],
+    "reference": [
+        Edit(
+            "rvaft/semantics/events.py",
+            "    operator, operands = guard.operator.value, guard.operands\n",
+            '    if operator == "between":\n'
+            "        value, low, high = operands\n"
+            '        at_least = binary(">=", evaluate(value, binding), evaluate(low, binding))\n'
+            '        return at_least and binary("<=", evaluate(value, binding), evaluate(high, binding))\n',
+        )
+    ],
+    "conformance": [
+        Edit(
+            "backends/conformance.toml",
+            "[operator]\n",
+            'between = { one = ["between(X, 1, 3)", 3, 4], two = ["between(Y, X, 3)", [1, 2], [1, 4]] }\n',
+        )
+    ],
+}
+"""The function `between(X, A, B)`, which means `X >= A and X <= B`."""
+
 _TABLES: Final = {
     "rvaft/export/layout.py": '    Gate.INHIBIT: ("INHIBIT", "all, from left to right, but the last one first"),\n',
     "rvaft/export/dot.py": '    Gate.INHIBIT: "shape=house, orientation=180, height=0.22",\n',

@@ -12,12 +12,13 @@ from rvaft import Semantics, all_backends
 from rvaft.backend import backend
 from rvaft.core.property import Condition
 from tests.contributing.copies import Copy, Edit, Recipe, conformance
-from tests.contributing.recipes import BACKEND, ESPER, GATE, OPERATOR, READER
+from tests.contributing.recipes import BACKEND, DEFINED, ESPER, GATE, OPERATOR, READER
 from tests.tables import sampled
 
 pytestmark = pytest.mark.ci
 SAY = "event say(text) = { say: text }; "
 LENGTH = f'{SAY}top sand a b; a on say("hello"); b on say(X) when length(X) == length("abc");'
+AT = "event at(x: integer) = { x: x }; assume types, present; top sand a b; a on at(1); b on at(X) when "
 INHIBIT = "top sand x d; x inhibit a b c; a; b; c; d;"
 
 Made = Callable[..., Copy]
@@ -77,7 +78,7 @@ def test_an_operator_works_and_every_backend_refuses_it(made: Made) -> None:
     assert {found for (_, name), found in status.items() if name in faithful} == {"not expressible"}
     guarded = [name for name in all_backends() if Condition in backend(name).capabilities().constructs]
     refused(copy, "the backend writes no operator `length`", f"{SAY}top on say(X) when length(X);", *guarded)
-    refused(copy, backend("sigma").reasons[Condition].text, f"{SAY}top on say(X) when length(X);", "sigma")
+    refused(copy, "guards (`when`) need `assume types;`", f"{SAY}top on say(X) when length(X);", "sigma")
     emitted = copy.rvaft("emit", tree, "--to", "eql", "--semantics", "scattered")
     assert emitted.stderr.endswith("the backend writes no operator `length` (at b)\n"), emitted
     report = copy.python(conformance("length", "automaton"))
@@ -95,6 +96,23 @@ def test_a_backend_that_lists_a_new_operator_is_held_to_it(made: Made) -> None:
     tree = copy.write("tree.rvaft", LENGTH)
     status = agrees(copy, tree, "automaton")
     assert {found for (_, name), found in status.items() if name == "automaton"} <= {"proved", "tested"}
+
+
+@pytest.mark.slow
+def test_every_language_writes_an_operator_that_others_define(made: Made) -> None:
+    copy = made(DEFINED)
+    faithful = [name for name in all_backends() if backend(name).faithful and backend(name).readable]
+    tree = copy.write("tree.rvaft", f"{AT}between(X, 2, 5);")
+    emitted = copy.rvaft("emit", tree, "--to", "eql", "--semantics", "scattered")
+    assert "[any where x >= 2 and x <= 5]" in emitted.stdout, emitted
+    status = agrees(copy, tree, *faithful)
+    assert {name for (_, name), found in status.items() if found in ("proved", "tested")} >= {
+        *("automaton", "c", "eql", "kql", "ltlf", "mtl", "rml", "sigma", "sql", "stix")
+    }
+    report = copy.python(conformance("between", "automaton", "c", "eql", "ltlf", "mtl", "rml", "sql", "stix"))
+    assert report.returncode == 0, report
+    empty = copy.write("empty.rvaft", f"{AT}between(X, 5, 2);")
+    assert "[contradictory-guards]" in copy.rvaft("check", empty).stdout
 
 
 @pytest.mark.parametrize(

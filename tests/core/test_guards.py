@@ -1,12 +1,24 @@
 """Guards: their values are the reference's own, and what is made of a guard keeps its value."""
 
+import math
 import re
+from collections import Counter
 from itertools import product
 from random import Random
 from typing import Any
 
 import pytest
 
+from rvaft.core.conditions import (
+    ComparisonTest,
+    ConditionTest,
+    EqualityTest,
+    SortTest,
+    TruthCondition,
+    TruthConditions,
+    TruthTest,
+    spelled,
+)
 from rvaft.core.solver import contradictory, contradictory_over_reals, refuted, witness
 from rvaft.language.parser import parse_guard
 from rvaft.model.expressions import guard_text
@@ -18,13 +30,16 @@ from rvaft.model.guards import (
     Guard,
     Operation,
     Operator,
+    Sort,
     conjuncts,
+    expanded,
     folded,
     holds,
     predicate,
     renamed,
     value,
     variables,
+    walk,
 )
 from rvaft.model.patterns import Literal, Variable
 from rvaft.semantics.events import Undefined, evaluate, same
@@ -45,7 +60,10 @@ def random_guard(random: Random, depth: int) -> Guard:
     operator = random.choice(list(Operator))
     count = OPERATORS[operator].arity if OPERATORS[operator].function else None
     count = random.choice((2, 3)) if count is None else count
-    return Operation(operator, tuple(random_guard(random, depth - random.choice((1, depth))) for _ in range(count)))
+    operands = [random_guard(random, depth - random.choice((1, depth))) for _ in range(count)]
+    if operator is Operator.IN:
+        operands[1:] = [one if isinstance(one, Literal) else Literal(1) for one in operands[1:]]
+    return Operation(operator, tuple(operands))
 
 
 def of_reference(guard: Guard, binding: dict[str, Any]) -> Any:
@@ -73,6 +91,107 @@ def test_values_are_those_of_the_reference(seed: int) -> None:
             assert holds(folded(guard), binding) == holds(guard, binding)
             assert all(holds(part, binding) for part in conjuncts(guard)) == holds(guard, binding)
         assert set(names) == set(re.findall("[XY]", guard_text(guard)))
+
+
+@pytest.mark.parametrize("operator", [one for one in Operator if OPERATORS[one].means])
+def test_an_operator_has_the_value_of_its_definition(operator: Operator) -> None:
+    assert OPERATORS[operator].function is None or operator is Operator.IN
+    listed = tuple(map(Literal, (1, "a", None, False)))
+    for guard in (Operation(operator, (Variable("X"), *listed[:count])) for count in (1, 2, 4)):
+        meaning = expanded(guard, set(Operator) - {operator})
+        assert operator not in {part.operator for part in walk(meaning) if isinstance(part, Operation)}
+        for given in (*VALUES, math.nan, [math.inf]):
+            assert value(guard, {"X": given}) is value(meaning, {"X": given}), (guard, given)
+            assert of_reference(guard, {"X": given}) is of_reference(meaning, {"X": given})
+
+
+def test_a_definition_is_used_where_all_of_its_operators_are_known() -> None:
+    guard = parse_guard("not (X in (1, 2))")
+    assert expanded(guard, {Operator.IN}) is guard
+    assert expanded(guard, {Operator.NOT, Operator.EQ}) is guard
+    assert guard_text(expanded(guard, {Operator.OR, Operator.EQ})) == "not (X == 1 or X == 2)"
+    deep = parse_guard("(" * 40 + "X == true" + ") in (true, false)" * 40)
+    assert expanded(deep, {Operator.OR, Operator.EQ}) is deep
+
+
+SORTED: dict[Sort, tuple[Any, ...]] = {
+    Sort.NUMBER: (0, 1, 2, 0.5, -1),
+    Sort.TEXT: ("", "a", "b"),
+    Sort.TRUTH: (True, False),
+    Sort.UNKNOWN: (0, 1, "a", "b", True, False, [], [1]),
+}
+
+
+def is_met(condition: TruthCondition, binding: dict[str, Any]) -> bool:
+    """Whether a condition is met, by the meaning of each test."""
+
+    def sort_of(term: Guard) -> Sort | None:
+        found = value(term, binding)
+        kinds = {bool: Sort.TRUTH, int: Sort.NUMBER, float: Sort.NUMBER, str: Sort.TEXT}
+        return kinds.get(type(found))
+
+    def met(test: ConditionTest) -> bool:
+        match test:
+            case TruthTest(term, wanted):
+                return value(term, binding) is wanted
+            case EqualityTest(left, right, wanted):
+                return value(Operation(Operator.EQ, (left, right)), binding) is wanted
+            case ComparisonTest(sort, left, sign, right):
+                operator = Operator({"=": "==", "<>": "!="}.get(sign, sign))
+                return sort_of(left) is sort_of(right) is sort and holds(Operation(operator, (left, right)), binding)
+            case SortTest(term, sort, wanted):
+                return value(term, binding) is not UNDEFINED and (sort_of(term) is sort) is wanted
+
+    return spelled(condition, met, lambda every, parts: all(parts) if every else any(parts))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_conditions_of_a_guard(seed: int) -> None:
+    random, told = Random(seed), Counter[bool]()
+    for _ in range(250):
+        guard = random_guard(random, random.choice((1, 2, 3)))
+        sorts = {name: random.choice(list(SORTED)) for name in "XY"}
+        present = [name for name in "XY" if random.random() < 0.7]
+        conditions = TruthConditions(sorts=sorts, present=present)
+        for wanted, _ in product((True, False), range(4)):
+            values = {name: (*SORTED[sort], *([] if name in present else [None])) for name, sort in sorts.items()}
+            binding = {name: random.choice(some) for name, some in values.items()}
+            met = is_met(conditions.of(guard, wanted=wanted), binding)
+            assert met is (of_reference(guard, binding) is wanted), (guard_text(guard), sorts, present, binding)
+            told[met] += 1
+    assert min(told.values()) > 100
+
+
+@pytest.mark.parametrize(
+    ("guard", "sorts", "text"),
+    [
+        ("X < 1 or X > 2", {}, "X < 1 | X > 2"),
+        ("not (X < 1 and X > 2)", {}, "X >= 1 | X <= 2"),
+        ("X + 1 == 1 or X + 1 == 2", {}, "X + 1 = 1 | X + 1 = 2"),
+        ('contains(X, "a") or X < "b" or X == "c"', {}, 'contains(X, "a") | X < "b" | X = "c"'),
+        ('contains(X, "a") or X == 1', {}, 'contains(X, "a") | (contains(X, "a") & X = 1)'),
+        ("X < 1 or Y > 2", {}, "X < 1 | (X >= 1 & Y > 2)"),
+        ("X < 1 or Y > 2", {"X": Sort.NUMBER}, "X < 1 | Y > 2"),
+        ("X < true or Y", {"X": Sort.TRUTH}, ""),
+    ],
+)
+def test_an_earlier_operand_is_not_tested_where_a_later_one_implies_that_it_is_defined(
+    guard: str, sorts: dict[str, Sort], text: str
+) -> None:
+    def spell(test: ConditionTest) -> str:
+        match test:
+            case ComparisonTest(_, left, sign, right):
+                return f"{guard_text(left)} {sign} {guard_text(right)}"
+            case TruthTest(term, _):
+                return guard_text(term)
+            case EqualityTest(left, right):
+                return f"{guard_text(left)} = {guard_text(right)}"
+            case SortTest():
+                raise AssertionError(test)
+
+    condition = TruthConditions(sorts=sorts, present=[*sorts]).of(parse_guard(guard))
+    joined = spelled(condition, spell, lambda every, parts: f"({(' & ' if every else ' | ').join(parts)})")
+    assert joined.removeprefix("(").removesuffix(")") == text
 
 
 def test_negated_and_mirrored_comparisons() -> None:

@@ -17,19 +17,16 @@ from typing import Final, TypeGuard, assert_never
 
 from backends.rml.writer.terms import RmlNames, applied, in_arithmetic, in_patterns, quoted, spellings
 from rvaft.capabilities import CALCULATING
-from rvaft.model.guards import (
-    FUNCTIONS,
-    JUNCTIONS,
-    OPERATORS,
-    ORDERINGS,
-    UNDEFINED,
-    Guard,
-    Operation,
-    Operator,
-    conjuncts,
-    value,
-    variables,
+from rvaft.core.conditions import (
+    ComparisonTest,
+    ConditionTest,
+    EqualityTest,
+    SortTest,
+    TruthConditions,
+    TruthTest,
+    spelled,
 )
+from rvaft.model.guards import FUNCTIONS, JUNCTIONS, Guard, Operation, Operator, Sort, conjuncts, variables
 from rvaft.model.nodes import Argument, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
@@ -68,112 +65,48 @@ def _is_numeric(condition: Guard) -> bool:
             return False
 
 
-def when_true(guard: Guard, wanted: bool = True) -> Guard:
-    """Return the condition that the guard equals `wanted`; raises `Inexpressible`."""
-    if not variables(guard):
-        return ALWAYS if value(guard, {}) is wanted else NEVER
-    match guard:
-        case Variable():
-            return Operation(Operator.EQ, (guard, Literal(wanted)))
-        case Operation(Operator.NOT, (operand,)):
-            return when_true(operand, not wanted)
-        case Operation(Operator.AND | Operator.OR as operator, operands):
-            # An operand counts only if no earlier operand decides.
-            decides = operator is Operator.OR
-            undecided = [when_true(operand, not decides) for operand in operands]
-            if wanted is not decides:
-                return _every(undecided)
-            return _some(_every([*undecided[:i], when_true(operand, decides)]) for i, operand in enumerate(operands))
-        case Operation(Operator.EQ | Operator.NE as operator, (left, right)):
-            return _equality(left, right, positive=(operator is Operator.EQ) is wanted)
-        case Operation(Operator.IN, (it, *listed)):
-            each = [_equality(it, one, positive=wanted) for one in listed]
-            return _some(each) if wanted else _every(each)
-        case Operation(operator) if operator in TEXTS:
+def when_true(guard: Guard) -> Guard:
+    """Return the condition under which a guard holds; raises `Inexpressible`."""
+    return spelled(TruthConditions().of(guard), _tested, lambda every, parts: _every(parts) if every else _some(parts))
+
+
+def _tested(test: ConditionTest) -> Guard:
+    match test:
+        case TruthTest(Operation(operator)):
             raise _without(operator)
-        case Operation(operator, (left, right)) if operator in ORDERINGS:
-            sides = [side for side in (_constant(left), _constant(right)) if side is not None]
-            text = any(isinstance(side, Literal) and isinstance(side.value, str) for side in sides)
-            if text and any(isinstance(side, Variable) for side in sides):
+        case TruthTest(term, wanted):
+            return Operation(Operator.EQ, (term, Literal(wanted)))
+        case EqualityTest(left, right, wanted) if left == right:
+            return ALWAYS if wanted else NEVER
+        case EqualityTest(left, right, wanted):
+            equal = Operation(Operator.EQ, (left, right) if isinstance(left, Variable) else (right, left))
+            return equal if wanted else Operation(Operator.NOT, (equal,))
+        case ComparisonTest(Sort.TEXT, left, _, right):
+            for side in (left, right):
+                if isinstance(side, Operation):
+                    raise _without(side.operator)
+            if isinstance(left, Literal) or isinstance(right, Literal):
                 raise Inexpressible("RML cannot order strings")
-            sign = operator if wanted else OPERATORS[operator].negated or operator
-            return Operation(sign, (left, right)) if _is_calculable(left) and _is_calculable(right) else NEVER
-        case _:
-            return NEVER  # a number is not a Boolean
-
-
-def _same(left: Guard, right: Guard, *, positive: bool) -> Guard:
-    if left == right:
-        return ALWAYS if positive else NEVER
-    equal = Operation(Operator.EQ, (left, right))
-    return equal if positive else Operation(Operator.NOT, (equal,))
-
-
-def _equality(left: Guard, right: Guard, *, positive: bool) -> Guard:
-    sides = _constant(left), _constant(right)
-    if sides[0] is None or sides[1] is None:
-        return NEVER
-    both_ways = (sides, sides[::-1])
-    for one, other in both_ways:
-        if isinstance(one, Operation) and one.operator not in NUMERIC:
-            return _some(
-                _every([when_true(one, truth), _is(other, truth, positive)])  # type: ignore[arg-type]
-                for truth in (True, False)
-            )
-    for one, other in both_ways:
-        if isinstance(one, Operation):
-            return _equality_of_sum(one, other, positive=positive)  # type: ignore[arg-type]
-    return _same(
-        *(sides if isinstance(sides[0], Variable) else sides[::-1]),  # type: ignore[arg-type]
-        positive=positive,
-    )
-
-
-def _is(side: Guard, truth: bool, positive: bool) -> Guard:
-    """Return the condition that the side equals `truth`; if not `positive`, that it is defined and
-    differs.
-    """
-    match side:
-        case Variable():
-            return _same(side, Literal(truth), positive=positive)
-        case Literal(constant):
-            return ALWAYS if (constant is truth) is positive else NEVER
-        case Operation(operator) if operator not in NUMERIC:
-            return when_true(side, truth is positive)
-        case Operation():
-            return NEVER if positive else _defined(side)
-
-
-def _equality_of_sum(arithmetic: Guard, other: Guard, *, positive: bool) -> Guard:
-    equal = Operation(Operator.EQ, (arithmetic, other))
-    match other:
-        case _ if not _is_calculable(arithmetic):
             return NEVER
-        case Variable():
-            return equal if positive else _every([_defined(arithmetic), Operation(Operator.NOT, (equal,))])
-        case Literal(constant) if not is_number(constant):
-            return NEVER if positive else _defined(arithmetic)
-        case _ if not _is_calculable(other):
-            return NEVER
+        case ComparisonTest(_, left, sign, right):
+            sides = (left, right) if isinstance(left, Operation) or sign not in _EQUALITIES else (right, left)
+            compared = Operation(_EQUALITIES.get(sign) or Operator(sign), sides)
+            return compared if all(map(_is_calculable, sides)) else NEVER
+        case SortTest(term, Sort.NUMBER, wanted):
+            number = term if isinstance(term, Operation) else Operation(Operator.NEGATE, (term,))
+            known = Operation(Operator.EQ, (number, number))  # arithmetic is defined for numbers only
+            return NEVER if not _is_calculable(term) else known if wanted else Operation(Operator.NOT, (known,))
+        case SortTest(term):
+            raise _without(term.operator if isinstance(term, Operation) else Operator.LT)
         case _:
-            return equal if positive else Operation(Operator.NE, (arithmetic, other))
+            assert_never(test)
 
 
-def _defined(arithmetic: Guard) -> Guard:
-    return Operation(Operator.EQ, (arithmetic, arithmetic)) if _is_calculable(arithmetic) else NEVER
-
-
-def _constant(guard: Guard) -> Guard | None:
-    if variables(guard):
-        return guard
-    constant = value(guard, {})
-    return None if constant is UNDEFINED else Literal(constant)
+_EQUALITIES: Final = {"=": Operator.EQ, "<>": Operator.NE}
 
 
 def _is_calculable(guard: Guard) -> bool:
-    match _constant(guard):
-        case None:
-            return False
+    match guard:
         case Literal(constant):
             return is_number(constant)
         case Variable():

@@ -28,10 +28,10 @@ def test_text(text: str, expected: list[str]) -> None:
 def test_a_long_guard() -> None:
     guard = "X < 1"
     for number in range(60):
-        guard = f"({guard} {'or' if number % 2 else 'and'} X > {number})"
+        guard = f"({guard} {'or Y' if number % 2 else 'and X'} > {number})"
     with pytest.raises(TooLarge):
         BACKEND.translate(
-            loads(f"event e(k) = {{ k: k }}; t sand a b; a on e(X) when not {guard};"), Semantics.SCATTERED
+            loads(f"event e(k, l) = {{ k: k, l: l }}; t sand a b; a on e(X, Y) when not {guard};"), Semantics.SCATTERED
         )
 
 

@@ -134,6 +134,11 @@ FAULTS = {
     ),
     "a sign": (SIMPLE, "M_2 < N_1", "M_2 <= N_1"),
     "a scenario": (TREES["points"], "union scenario_1, ", "union "),
+    "an event of the match that breaks it": (
+        "top and p q; p and a b without su(_, 1); q sand a c; a on su(_, 2); b on su(_, 3); c on su(_, 1);",
+        r" and pos_4 != pos_\d",
+        "",
+    ),
 }
 
 
@@ -154,6 +159,31 @@ def test_a_wrong_text_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> N
     assert status() is Status.TESTED
     monkeypatch.setattr("cross_check.participants.backend", lambda name: Faulty() if name == "kql" else backend(name))
     assert status() is Status.DIFFERS
+
+
+@pytest.mark.parametrize(
+    ("tree", "broken"),
+    [
+        ("sand a b without su(_, 1)", "pos_1 < pos_3 and pos_3 < pos_2"),
+        ("and a b without su(_, 1)", "min_of(pos_1, pos_2) < pos_3 and pos_3 < max_of(pos_1, pos_2) and {}"),
+        ("sand a b without su(_, 1) before", "pos_3 < pos_1"),
+        ("and a b without su(_, 1) before", "pos_3 < min_of(pos_1, pos_2)"),
+        (
+            "sand a b without su(_, 1) for 1 s after",
+            "pos_2 < pos_3 and time_3 - {} <= 1000000000 and pos_3 < decided_1",
+        ),
+    ],
+)
+def test_an_event_that_the_order_excludes_is_not_told_apart(tree: str, broken: str) -> None:
+    """A column that no join uses is left out, too."""
+    text = backend("kql").translate(
+        loads(f"{EVENTS} time t as ms; top {tree}; a on su(_, _); b on su(_, _);"), SCATTERED
+    )
+    (found,) = re.findall(r"absent_3 on .*\n\| where (.*)\n", text.text)
+    assert found == broken.format(
+        "pos_3 != pos_1 and pos_3 != pos_2" if "and {}" in broken else "max_of(time_1, time_2)"
+    )
+    assert "one_" not in text.text
 
 
 WRONG = {

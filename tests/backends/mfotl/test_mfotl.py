@@ -3,7 +3,9 @@ verified kernel where `MONPOLY` names the program.
 """
 
 import os
+import re
 import stat
+from collections import Counter
 from contextlib import suppress
 from pathlib import Path
 from random import Random
@@ -39,6 +41,37 @@ def emitted(tree: str) -> str:
 @pytest.mark.parametrize(("tree", "text"), rows(__file__, "texts.txt"))
 def test_texts(tree: str, text: str) -> None:
     assert emitted(tree) == text
+
+
+@pytest.mark.parametrize(
+    ("tree", "compared"),
+    [
+        ("sand a b c d", 1),
+        ("and a b c d", 12),
+        ("sand a g d; g and b c", 1),
+        ("and a g; g sand b c d", 3),
+        ("sand g h; g and a b; h and c d", 4),
+        ("sand g a; g and b c; a times 2", 2),
+    ],
+)
+def test_a_window_compares_the_first_and_the_last_events_of_a_log_in_order(tree: str, compared: int) -> None:
+    top, _, gates = tree.partition(";")
+    text = emitted(f"time ts as s late 0 s; top {top} within 5 s; {gates}{';' * bool(gates)}")
+    bounds = re.findall(r"\(T(\d)_time - T(\d)_time\) <= 5000000000", text)
+    assert len(bounds) == compared
+    orders, random = re.findall(r"i(\d) < i(\d)", text), Random(tree)
+    of_place = {place: time for time, place in re.findall(r"\(T(\d)_kind,(?: T\d_time,)? i(\d)\)", text)}
+    assert len(of_place) == 4
+    assert all(f'T{one}_kind = "n"' in text for one in of_place.values())
+    held = Counter[bool]()
+    while min(held[True], held[False]) < 50:
+        position = dict(zip(of_place, random.sample(range(4), 4), strict=True))
+        times = sorted(random.choices(range(9), k=4))
+        time = {of_place[one]: times[place] for one, place in position.items()}
+        if all(position[before] < position[after] for before, after in orders):
+            found = all(time[later] - time[sooner] <= 5 for later, sooner in bounds)
+            assert found is (times[-1] - times[0] <= 5), (time, text)
+            held[found] += 1
 
 
 @pytest.mark.parametrize(("tree", "semantics", "formula"), rows(__file__, "semantics.txt"))

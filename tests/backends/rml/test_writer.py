@@ -136,6 +136,20 @@ def test_more_by_hand(why: str, described: str, semantics: list[str]) -> None:
         assert agreeing(RML, made, Semantics(one), traces) == 40, why
 
 
+@pytest.mark.parametrize("guard", ["X + 1 != Y", "Y != abs(X)", "not (X / 2 == Y)", "X + 1 in (2, true) or Y == false"])
+def test_a_calculated_number_beside_a_value_of_any_type(guard: str) -> None:
+    made = loads(f"event e(x, y) = {{ x: x, y: y }}; top sand a b; a on e(X, Y) when {guard}; b;")
+    values: list[Json] = [0, 1, 2, "a", "2", True, False, None, []]
+    written = RmlBackend().translate(made, Semantics.STRICT)
+    found = set()
+    for x, y in product(values, repeat=2):
+        trace: list[Json] = [{"x": x, "y": y}, {"event": "b"}]
+        expected = signs(Reference(made, Semantics.STRICT), trace)
+        assert signs(written.monitor(), trace) == expected, (guard, x, y)
+        found.add(expected)
+    assert len(found) == 2
+
+
 def test_what_no_scenario_can_keep_is_not_tried() -> None:
     """There are 2^30 ways to resolve the gate, and four that keep possible children alone."""
     possible = "event x(p) = { x: p }; top and v v2; v 2of30 [e# ]*3 [f# ]*27; v2 or v; [f# on x(_) when 1 < 0; ]*27"

@@ -120,6 +120,20 @@ def test_what_is_left_open() -> None:
     assert monitor.first_detections([[{**a, "u": one}, {**b, "u": other}]]) == [2]
 
 
+def test_a_key_with_a_dot_is_left_open() -> None:
+    """Zeek writes the key `id.orig_h`, which products and Sigma write like a field inside `id`."""
+    text = "event conn(h) = { id: { orig_h: h } }; r sand a b; a on conn(1); b on conn(2);"
+    translated = translate(loads(text), "sigma", semantics="scattered")
+    assert "    id.orig_h: 1\n" in translated.text
+    monitor = translated.monitor()
+    assert isinstance(monitor, DetectionMonitor)
+    one, other = ({"id": {"orig_h": host}} for host in (1, 2))
+    assert monitor.first_detections([[one, {**other, "id.resp_h": 1, "x.y": 1}]]) == [2]
+    for dotted in ({"id.orig_h": 2}, {**other, "id.orig_h": 3}):
+        with pytest.raises(TraceError, match="a key with a dot"):
+            monitor.first_detections([[one, dotted]])
+
+
 def test_sizes_and_limits() -> None:
     for gate, size, least in ((Gate.AND, 101, None), (Gate.SAND, 101, None)):
         with pytest.raises(TooLarge, match="rules of the correlation"):

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import ClassVar, Self
 
 from backends.c.cache import cached_program
+from backends.c.common_text import EventTests, KeyField, Use
 from backends.c.events import OPERATORS
 from backends.c.library import CAPACITY, CMonitor, require_compiler
 from backends.c.log import NativeLog
-from backends.c.questions import observed
-from backends.c.text import EventTests, KeyField, Use
+from backends.c.observed_tests import observed
 from backends.c.translation import translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from typing import ClassVar, Final
 
+from backends.c.common_text import CELL, LONG, WORD, ConstantTable, Use, Writer, array, laid_out, times
 from backends.c.events import expression
 from backends.c.stages import Break, Load, Recall, Remembered, Slot, StageTable, TableStage, Test, Transition, slot_of
-from backends.c.text import CELL, LONG, WORD, ConstantTable, Use, Writer, array, laid_out, times
 from rvaft.core.property import Property
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern

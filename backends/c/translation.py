@@ -1,8 +1,8 @@
 """The writer of C: the tables of a property, between the parts of the runtime."""
 
+from backends.c.common_text import Use, WrittenMonitor
 from backends.c.stage_text import StageWriter
 from backends.c.stages import StageTable, TableStage, stages_of
-from backends.c.text import Use, WrittenMonitor
 from backends.c.unit_tables import UnitTables, tables_of
 from backends.c.unit_text import FrontWriter, UnitWriter
 from rvaft.core.passes import Pass, decide_constants, expand_times, order_ends, simplify, windows_to_guards

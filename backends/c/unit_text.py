@@ -3,8 +3,8 @@
 from collections.abc import Iterable, Mapping
 from typing import ClassVar, Final
 
+from backends.c.common_text import CELL, LONG, WORD, Use, Writer, array, laid_out, rows, times
 from backends.c.events import expression
-from backends.c.text import CELL, LONG, WORD, Use, Writer, array, laid_out, rows, times
 from backends.c.unit_tables import NONE, PlacedLeaf, UnitTables, duration
 from rvaft.core.passes import expand_times
 from rvaft.core.property import Property

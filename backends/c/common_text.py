@@ -9,7 +9,7 @@ from textwrap import fill
 from typing import ClassVar, Final
 
 from backends.c.events import NumberedFields, Step, expression
-from backends.c.questions import comment
+from backends.c.observed_tests import comment
 from rvaft.core.property import Property
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.event_time import EventTime, TextFormat, TimeFormat

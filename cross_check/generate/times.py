@@ -45,6 +45,7 @@ _STEPS: Final = 9
 _UNDEFINED: Final = 0.06
 """Probability of an unreadable time, if the time does not matter."""
 _FIRST, _LAST = -20_000_000_000 * SECOND, 200_000_000_000 * SECOND  # years of four digits
+_SHORT = 0, 3_000_000_000 * SECOND  # years of two digits
 _PAIRS: Final = 30
 """Maximum number of window events that are compared in pairs; beyond it, times increase."""
 
@@ -91,6 +92,7 @@ TEXT_FORMATS: Final = (
     TextFormat("%d/%b/%Y:%I:%M:%S %p %z"),
     TextFormat("%a %b %d %H:%M:%S", 2025, "Europe/Berlin"),
     TextFormat("%Y%m%d%H%M%S.%f", zone="-03:30"),
+    TextFormat("%y/%m/%d %H:%M:%S.%f"),
 )
 FORMATS: Final = (*TimeFormat, *TEXT_FORMATS)
 """The formats of random trees."""
@@ -105,7 +107,8 @@ def written(random: Random, form: TimeFormat | TextFormat, instant: int, *, plai
     >>> tuple(written(Random(0), form, 1_500_000_000, plain=True) for form in formats)
     ('1970-01-01T00:00:01.5Z', 1.5)
     """
-    if (form is TimeFormat.ISO8601 or isinstance(form, TextFormat)) and not _FIRST < instant < _LAST:
+    first, last = _SHORT if isinstance(form, TextFormat) and "%y" in form.pattern else (_FIRST, _LAST)
+    if (form is TimeFormat.ISO8601 or isinstance(form, TextFormat)) and not first < instant < last:
         return None
     ways = [*_texts(random, form, instant)] if isinstance(form, TextFormat) else [*_ways(random, form, instant)]
     return ways[0] if plain else random.choice(ways)
@@ -161,7 +164,8 @@ def _texts(random: Random, form: TextFormat, instant: int) -> Iterator[str]:
         moment = clock + timedelta(hours=shift) if "%z" in form.pattern else clock
         month, day = _MONTHS[moment.month - 1], _DAYS[moment.weekday()]
         names = {"%b": month[:3], "%B": month, "%a": day[:3], "%A": day, "%z": zone, "%%": "%"}
-        names |= {"%f": f"{rest:09}", "%Y": f"{moment.year:04}", "%p": "PM" if moment.hour > 11 else "AM"}
+        names |= {"%f": f"{rest:09}", "%p": "PM" if moment.hour > 11 else "AM"}
+        names |= {"%Y": f"{moment.year:04}", "%y": f"{moment.year % 100:02}"}
         numbers = {"%m": moment.month, "%d": moment.day, "%H": moment.hour, "%M": moment.minute}
         numbers |= {"%S": moment.second, "%I": moment.hour % 12 or 12}
         names |= {name: str(number) if short else f"{number:02}" for name, number in numbers.items()}

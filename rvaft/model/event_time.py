@@ -71,7 +71,7 @@ NUMERIC: Final = frozenset(TimeFormat) - {TimeFormat.ISO8601, TimeFormat.ROS}
 
 @dataclass(frozen=True, slots=True)
 class TextFormat:
-    """A strptime format; without `%Y` it needs a `year`, without `%z` a `zone` may replace UTC.
+    """A strptime format; without `%Y` or `%y` it needs a `year`, without `%z` a `zone` may replace UTC.
 
     Raises `OptionError` for what `docs/semantics.md` does not list.
 
@@ -87,8 +87,10 @@ class TextFormat:
     def __post_init__(self) -> None:
         own = {"year": "Y", "zone": "z"}
         groups = _text_pattern(self.pattern).groupindex
-        for name in [name for name, group in own.items() if group in groups and getattr(self, name) is not None]:
-            raise OptionError(f"the format {self.pattern!r} reads the {name} with %{own[name]}: omit `{name}`")
+        for name, group in own.items():
+            read = next((one for one in (group, "y" if group == "Y" else "") if one in groups), None)
+            if read is not None and getattr(self, name) is not None:
+                raise OptionError(f"the format {self.pattern!r} reads the {name} with %{read}: omit `{name}`")
         if self.year is not None and not 1 <= self.year <= 9999:
             raise OptionError(f"the year {self.year} is not between 1 and 9999")
         _zone(self.zone)
@@ -96,7 +98,7 @@ class TextFormat:
     @property
     def needs_year(self) -> bool:
         """Whether times have no year."""
-        return self.year is None and "Y" not in _text_pattern(self.pattern).groupindex
+        return self.year is None and _text_pattern(self.pattern).groupindex.keys().isdisjoint("Yy")
 
     def __str__(self) -> str:
         year = "" if self.year is None else f" year {self.year}"
@@ -117,7 +119,8 @@ class TextFormat:
             hour = hour % 12 + 12 * (given["p"].upper() == "PM")
         clock = (hour, int(given.get("M", 0)), int(given.get("S", 0)))
         try:
-            day = date(int(given.get("Y", self.year or 0)), month, int(given["d"]))
+            year = _century(int(given["y"])) if "y" in given else int(given.get("Y", self.year or 0))
+            day = date(year, month, int(given["d"]))
             ahead = _ahead(given["z"]) if "z" in given else _offset(day, clock, _zone(self.zone))
         except (ValueError, OverflowError):
             return None
@@ -128,6 +131,7 @@ _MONTHS: Final = ("Jan", "Feb", "Mar", "Apr", "May", "Jun", "Jul", "Aug", "Sep",
 _TWO: Final = r"\d\d?+"
 _DIRECTIVES: Final[Mapping[str, str]] = {
     "Y": r"\d{4}",
+    "y": r"\d{2}",
     "m": _TWO,
     "b": "|".join(_MONTHS),
     "B": "January|February|March|April|May|June|July|August|September|October|November|December",
@@ -144,7 +148,7 @@ _DIRECTIVES: Final[Mapping[str, str]] = {
 }
 """The directives of text formats as regular expressions."""
 _DIGITS: Final = tuple("0123456789")
-_EXCLUSIVE: Final = ("mbB", "HI", "aA")
+_EXCLUSIVE: Final = ("Yy", "mbB", "HI", "aA")
 _PARTS: Final = re.compile(r"%.?|[ \t]+|.", re.DOTALL)
 
 
@@ -164,7 +168,7 @@ def _text_pattern(text: str) -> re.Pattern[str]:
         if clash := seen & {*name, *next((group for group in _EXCLUSIVE if name in group), "")}:
             raise OptionError(f"the format {text!r} has both %{min(clash)} and {part_}: keep one")
         seen.add(name)
-        digit = following in ("%Y", "%m", "%d", "%H", "%I", "%M", "%S", "%f") or following in _DIGITS
+        digit = following in ("%Y", "%y", "%m", "%d", "%H", "%I", "%M", "%S", "%f") or following in _DIGITS
         if digit and name in "fz":
             raise OptionError(f"the format {text!r} has a digit after {part_}, whose length varies: separate them")
         whole.append(f"(?P<{name}>{_DIRECTIVES[name].replace('?+', '') if digit else _DIRECTIVES[name]})")
@@ -192,6 +196,11 @@ def _zone(name: str | None) -> tzinfo:
         raise OptionError(
             f"unknown time zone {name!r}: write a name such as Europe/Berlin or an offset such as +02:00"
         ) from None
+
+
+def _century(year: int) -> int:
+    """Return the year of two digits, as POSIX reads it: 69 to 99 are 1969 to 1999."""
+    return year + (1900 if year >= 69 else 2000)
 
 
 def _ahead(offset: str) -> int:

@@ -111,10 +111,11 @@ def _spellings(name: str, rest: str, following: str) -> list[str]:
         found = re.match("[-+][0-9]{2}(:?[0-9]{2})?", rest)
         return [found[0]] if found else ["Z", "z"]
     digits = len(rest) - len(rest.lstrip("0123456789"))
-    fixed = following in ("%Y", "%m", "%d", "%H", "%I", "%M", "%S", "%f") or (
+    fixed = following in ("%Y", "%y", "%m", "%d", "%H", "%I", "%M", "%S", "%f") or (
         following != "" and following in "0123456789"
     )
-    least, most = (4, 4) if name == "Y" else (1, 9) if name == "f" else (2 if fixed else 1, 2)
+    sizes = {"Y": (4, 4), "y": (2, 2), "f": (1, 9)}
+    least, most = sizes.get(name, (2 if fixed else 1, 2))
     return [rest[: min(digits, most)]] if digits >= least else []
 
 
@@ -133,7 +134,9 @@ def _dated(form: TextFormat, had: Mapping[str, str]) -> int | None:
             return None
         hour = int(had["I"]) % 12 + (12 if had["p"] in ("PM", "pm") else 0)
     try:
-        day = datetime.date(int(had["Y"]) if "Y" in had else form.year or 0, month or int(had["m"]), int(had["d"]))
+        # Clause: two digits are a year from 1969 to 2068.
+        short = (int(had["y"]) - 69) % 100 + 1969 if "y" in had else form.year or 0
+        day = datetime.date(int(had["Y"]) if "Y" in had else short, month or int(had["m"]), int(had["d"]))
         start = datetime.datetime.combine(day, datetime.time(hour, int(had.get("M", "0"))))
         offset = had.get("z") or form.zone or "Z"
         seconds = int(had.get("S", "0"))

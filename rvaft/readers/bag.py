@@ -1,10 +1,12 @@
 """ROS recordings, read by `rosbags`: ROS 1 bags, rosbag2 folders and files, MCAP.
 
-An event has the fields of a message, `topic`, and `time`, the recording time in nanoseconds. Times
-in messages are objects with `sec` and `nanosec`, also for ROS 1.
+Messages in JSON and Protocol Buffers of MCAP are read by `mcap`. An event has the fields of a
+message, `topic`, and `time`, the recording time in nanoseconds. Times in messages of ROS are objects
+with `sec` and `nanosec`, also for ROS 1.
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from keyword import iskeyword
@@ -17,7 +19,7 @@ from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError, ToolMissing, TraceError
 from rvaft.model.event_time import TimeFormat
 from rvaft.model.values import Json
-from rvaft.readers.json_lines import settled
+from rvaft.readers.json_lines import decode, settled
 from rvaft.readers.log import BAG_METADATA, InputOptions, Log, LogReader, suffix
 
 if TYPE_CHECKING:
@@ -58,6 +60,9 @@ class BagReader(LogReader):
         except ImportError as error:
             raise ToolMissing("rosbags", remedy="pip install '.[bags]' in a checkout of rvaft") from error
         require_nanoseconds(log, "a recording")
+        if log.path.is_file() and log.path.suffix.lower() == ".mcap" and _encodings(log) & _DECODED:
+            yield from _mcap_events(log)
+            return
         number, ros2 = 0, log.path.suffix != ".bag"
         try:
             with rosbag2.Reader(log.path) if ros2 else rosbag1.Reader(log.path) as bag:
@@ -89,6 +94,68 @@ class BagReader(LogReader):
             raise log.error_at(
                 f"the recording cannot be read: {reason}{mend}", number + 1 if number else None
             ) from error
+
+
+_DECODED: Final = frozenset({"json", "protobuf"})
+"""The encodings of messages in MCAP that are read beside those of ROS."""
+
+
+def _encodings(log: Log) -> frozenset[str]:
+    """Return the encodings of the messages in a file of MCAP; none if it has no index."""
+    try:
+        from mcap.reader import make_reader  # noqa: PLC0415 -- imported on use
+    except ImportError:
+        return frozenset()
+    with log.path.open("rb") as stream, suppress(Exception):  # a malformed file raises anything, and is read below
+        summary = make_reader(stream).get_summary()
+        channels = [] if summary is None else list(summary.channels.values())
+        ours = channels and all(one.topic.startswith("/rvaft/") for one in channels)  # of --foxglove
+        return frozenset() if ours else frozenset(one.message_encoding for one in channels)
+    return frozenset()
+
+
+def _mcap_events(log: Log) -> Iterator[tuple[int, dict[str, Json] | None]]:
+    """Yield the messages in JSON and Protocol Buffers of a file of MCAP, in the order of their times."""
+    from mcap.reader import make_reader  # noqa: PLC0415
+
+    decoders: dict[int, Callable[[bytes], Any] | None] = {}
+    with log.path.open("rb") as stream:
+        for number, (schema, channel, message) in enumerate(make_reader(stream).iter_messages(), 1):
+            if not log.interest.may_be(TOPIC, channel.topic):
+                yield number, None
+                continue
+            if channel.id not in decoders:
+                decoders[channel.id] = _mcap_decoder(channel.message_encoding, schema, log, number, channel.topic)
+            decode = decoders[channel.id]
+            if decode is None:
+                continue
+            try:
+                found = decode(message.data)
+                fields = found if isinstance(found, dict) else {"value": found}
+            except Exception as error:  # noqa: BLE001 (bytes that are no message raise anything)
+                log.reject(number, f"no message on {channel.topic}: {' '.join(str(error).split())}")
+                continue
+            own = {ELSEWHERE.get(name, name): value for name, value in fields.items()}
+            yield number, settled({TOPIC: channel.topic, TIME: message.log_time, **own}, log)
+
+
+def _mcap_decoder(encoding: str, schema: Any, log: Log, number: int, topic: str) -> Callable[[bytes], Any] | None:
+    """Return the function from bytes to fields of a channel, or None and a reason in the log."""
+    if encoding == "json":
+        return decode
+    reason = f"messages in {encoding or 'no encoding'} are not read beside those in JSON"
+    if encoding == "protobuf":
+        try:
+            from google.protobuf.json_format import MessageToDict  # noqa: PLC0415 -- imported on use
+            from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415
+        except ImportError:
+            reason = "messages of Protocol Buffers need pip install mcap-protobuf-support"
+        else:
+            read = DecoderFactory().decoder_for(encoding, schema)
+            if read is not None:
+                return lambda data: MessageToDict(read(data), preserving_proto_field_name=True)
+    log.reject(number, f"{topic} is left out: {reason}")
+    return None
 
 
 def require_nanoseconds(log: Log, whose: str) -> None:

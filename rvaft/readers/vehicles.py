@@ -23,7 +23,9 @@ MESSAGE: Final = "message"
 """The field with the name of a message."""
 _ELSEWHERE: Final = {MESSAGE: "message_field", TIME: "time_field"}
 """The names of fields of messages that have those of an event."""
-_MICROSECOND, _SECOND = 1_000, 1_000_000_000
+_MICROSECOND: Final = 1_000
+_DATAFLASH: Final = b"\xa3\x95"
+"""The first bytes of each message of a DataFlash log."""
 
 
 class RecordingReader(LogReader):
@@ -98,6 +100,9 @@ class MavlinkReader(RecordingReader):
     def messages(self, log: Log) -> Iterator[tuple[str, int, Mapping[str, Any]]]:
         """Yield the messages in their order; bytes that are no message are left out."""
         connect = _library("pymavlink.mavutil").mavlink_connection
+        with log.path.open("rb") as stream:
+            if log.path.suffix.lower() == ".bin" and stream.read(2) != _DATAFLASH:
+                raise log.error_at("no DataFlash log of ArduPilot: it begins otherwise", None)
         with closing(_quietly(connect, str(log.path))) as recording:
             while (message := _quietly(recording.recv_match, blocking=False)) is not None:
                 fields = message.to_dict()

@@ -145,6 +145,32 @@ def test_a_vehicle_is_monitored(tmp_path: Path) -> None:
     failed(run("monitor", wrong, tmp_path / "flight.ulg"), "the ULog has it as ns")
 
 
+def test_messages_in_json_of_mcap_are_events(tmp_path: Path) -> None:
+    writing = pytest.importorskip("mcap.writer", reason="needs the extra bags")
+    log = tmp_path / "drive.mcap"
+    with log.open("wb") as stream:
+        writer = writing.Writer(stream)
+        writer.start()
+        schema = writer.register_schema(name="x", encoding="jsonschema", data=b"{}")
+        for topic, encoding in (("/battery", "json"), ("/other", "cbor")):
+            channel = writer.register_channel(topic=topic, message_encoding=encoding, schema_id=schema)
+            for time, data in ((1, b'{"level": 50, "time": "x"}'), (2, b'{"level": 9}'), (3, b"no")):
+                stamp = {"log_time": time * 10**9, "publish_time": 0}
+                writer.add_message(channel_id=channel, data=data, **stamp)
+        writer.finish()
+    events: list[dict[str, Any]] = []
+    with pytest.raises(TraceError, match=r"messages? left out"):
+        events.extend(rvaft.read_log(log))
+    assert events == [
+        {"topic": "/battery", "time": 10**9, "level": 50, "message_time": "x"},
+        {"topic": "/battery", "time": 2 * 10**9, "level": 9},
+    ]
+    text = 'time time as ns; event battery(v) = { topic: "/battery", level: v }; low on battery(V) when V < 10;'
+    tree = written(tmp_path / "low.rvaft", text)
+    found = run("monitor", tree, log, "--semantics", "scattered")
+    assert ": true" in found.output
+
+
 @pytest.mark.parametrize("name", ["flight.ulg", "flight.tlog", "flight.bin", "drive.asc", "drive.blf"])
 @pytest.mark.parametrize("data", [b"", b"nothing of the kind", bytes(range(256)) * 20])
 def test_what_is_no_recording_is_an_error(tmp_path: Path, name: str, data: bytes) -> None:

@@ -96,6 +96,7 @@ _VALUES: Final = {
     "--position": "id",
     "--profile": "sshd",
     "--dbc": "car.dbc",
+    "--messages": "ws/src",
     "--r2u2": "./r2u2",
     "--random": "100",
     "--records": "hits.hits",

@@ -74,7 +74,7 @@ def log_format(function: F) -> F:
     @wraps(function)
     def gathered(**given: Any) -> Any:
         year = click.get_current_context().meta.get("year")
-        named = {name: given.pop(name) for name in ("records", "types", "pattern", "profile", "dbc")}
+        named = {name: given.pop(name) for name in ("records", "types", "pattern", "profile", "dbc", "messages")}
         input_options = InputOptions(year=year, **named)
         log_format = LogFormat(given.pop("input_form"), input_options)
         return function(**given, log_format=log_format)
@@ -95,4 +95,6 @@ def log_format(function: F) -> F:
     dbc = click.option(
         "--dbc", metavar="FILE", help="With a CAN log: the DBC file that names its messages and signals."
     )
-    return cast("F", form(declared(records(types(pattern(dbc(gathered)))))))
+    what = "With a recording of ROS: a folder with the message definitions that it lacks, as PACKAGE/msg/NAME.msg."
+    messages = click.option("--messages", metavar="FOLDER", help=what)
+    return cast("F", form(declared(records(types(pattern(dbc(messages(gathered))))))))

@@ -55,7 +55,18 @@ class MonitorCommand(TreesCommand):
     groups: ClassVar[Mapping[str, tuple[str, ...]]] = {
         "What is detected": ("semantics", "branch", "kind", "per", "word"),
         "The log": (
-            *("input_form", "profile", "records", "types", "pattern", "dbc", "order_by", "window", "distinct"),
+            *(
+                "input_form",
+                "profile",
+                "records",
+                "types",
+                "pattern",
+                "dbc",
+                "messages",
+                "order_by",
+                "window",
+                "distinct",
+            ),
             *("max_distinct", "strict_json"),
         ),
         "Detections": ("repeat", "repeat_by", "cooldown", "key", "max_keys"),

@@ -17,6 +17,8 @@ from rvaft.readers.log import scheme, suffix
 from rvaft.readers.registry import suffixes
 
 ONE_BRANCH: Final = "--branch is for one tree: each tree numbers its own branches"
+_LARGE: Final = 1_000_000
+"""A larger file that is named as a log is not read as a tree, in bytes."""
 _BEFORE: Final = "before"
 """The key of the number of arguments before `--` in the context."""
 
@@ -92,14 +94,25 @@ def _check_tree(tree: str, words: Sequence[str], command: str) -> None:
 
 
 def _seems_log(name: str) -> bool:
-    """Whether this is named as a log is, or a file that begins as JSON."""
+    """Whether this is named as a log is, or a file that begins as JSON; and is no tree."""
     if scheme(name) or suffix(Path(name)) in (suffixes() | {".log"}):
-        return True
+        return not _is_tree(name)
     try:
         with Path(name).open("rb") as stream:
             return Path(name).is_file() and stream.read(64).lstrip(b"\xef\xbb\xbf \t\r\n")[:1] in (b"{", b"[")
     except OSError:
         return False
+
+
+def _is_tree(name: str) -> bool:
+    """Whether a file that is named as a log is holds a tree all the same."""
+    try:
+        if not Path(name).is_file() or Path(name).stat().st_size > _LARGE:
+            return False
+        options.read_draft(name)
+    except (RvaftError, OSError):
+        return False
+    return True
 
 
 def _seems_tree(name: str) -> bool:

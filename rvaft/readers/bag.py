@@ -47,6 +47,7 @@ class BagReader(LogReader):
     suffixes: ClassVar[tuple[str, ...]] = (".bag", ".mcap", ".db3")
     unit: ClassVar[str] = "message"
     needs_file: ClassVar[bool] = True
+    takes: ClassVar[frozenset[str]] = frozenset({"messages"})
 
     @classmethod
     def suits(cls, path: Path, options: InputOptions) -> bool:  # noqa: ARG003
@@ -66,7 +67,7 @@ class BagReader(LogReader):
         number, ros2 = 0, log.path.suffix != ".bag"
         try:
             with rosbag2.Reader(log.path) if ros2 else rosbag1.Reader(log.path) as bag:
-                types = _RecordedTypes(bag.connections, ros2=ros2)
+                types = _RecordedTypes(bag.connections, ros2=ros2, folder=self.options.messages)
                 decoders: dict[int, _Decoder] = {}
                 for connection, stamp, data in bag.messages():
                     number += 1
@@ -83,7 +84,7 @@ class BagReader(LogReader):
                     log.reject(
                         number + 1, f"the recording has {bag.message_count} by its index, but no more are found", lost
                     )
-        except (TraceError, ToolMissing):
+        except (OptionError, TraceError, ToolMissing):
             raise
         except Exception as error:
             reason = " ".join(str(error).split()).removesuffix(".") or type(error).__name__
@@ -176,7 +177,7 @@ class _RecordedTypes:
     `broken` has the reason for each type whose definition cannot be used.
     """
 
-    def __init__(self, connections: "Iterable[Connection]", *, ros2: bool) -> None:
+    def __init__(self, connections: "Iterable[Connection]", *, ros2: bool, folder: str | None = None) -> None:
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
 
         self.store: Typestore = get_typestore(Stores.EMPTY)
@@ -191,8 +192,27 @@ class _RecordedTypes:
                     self.broken[name] = "the hash of its definition is not the recorded one"
             except Exception as error:  # noqa: BLE001 (a malformed definition raises anything)
                 self.broken[connection.msgtype] = " ".join(str(error).split()) or type(error).__name__
+        for name, found in _in_folder(folder).items() if folder is not None else ():
+            if name not in self.store.fielddefs:
+                self.store.register({name: found})
         usual = get_typestore(Stores.LATEST).fielddefs
         self.store.register({name: one for name, one in usual.items() if name not in self.store.fielddefs})
+
+
+def _in_folder(folder: str) -> "Typesdict":
+    """Return the types that the files `PACKAGE/msg/NAME.msg` below a folder define; raises `OptionError`."""
+    from rosbags.typesys import get_types_from_msg  # noqa: PLC0415
+
+    types = dict[str, Any]()
+    if not Path(folder).is_dir():
+        raise OptionError(f"{folder} is no folder with message definitions")
+    for file in sorted(Path(folder).rglob("msg/*.msg")):
+        name = f"{file.parent.parent.name}/msg/{file.stem}"
+        try:
+            types.update(get_types_from_msg(file.read_text(encoding="utf-8"), name))
+        except Exception as error:
+            raise OptionError(f"{file} defines no message: {' '.join(str(error).split())}") from error
+    return types
 
 
 def _defined(connection: "Connection") -> "Typesdict":

@@ -112,7 +112,8 @@ class InputOptions:
 
     `records` is the dotted path of the event list in a JSON document. `types` gives the types of
     fields. `pattern` is a regular expression with named groups. `profile` names a declaration of a product's
-    logs. `year` is that of times without one. `dbc` is the file that names the signals of a CAN log.
+    logs. `year` is that of times without one. `dbc` is the file that names the signals of a CAN log,
+    and `messages` the folder with message definitions of ROS that a recording lacks.
     """
 
     records: str | None = None
@@ -121,11 +122,14 @@ class InputOptions:
     profile: str | None = None
     year: int | None = None
     dbc: str | None = None
+    messages: str | None = None
 
     @property
     def given(self) -> frozenset[str]:
         """The names of given options."""
-        return frozenset(name for name in ("records", "types", "pattern", "profile", "dbc") if getattr(self, name))
+        return frozenset(
+            name for name in ("records", "types", "pattern", "profile", "dbc", "messages") if getattr(self, name)
+        )
 
     def only(self, names: Collection[str]) -> "InputOptions":
         """Return these options only."""

@@ -146,6 +146,7 @@ def read_log(
     profile: str | None = None,
     year: int | None = None,
     dbc: str | None = None,
+    messages: str | None = None,
     reads: Scope | None = None,
     warn: Callable[[str], object] = warnings.warn,
     within: str | os.PathLike[str] | None = None,
@@ -171,7 +172,7 @@ def read_log(
         kinds = {field: FieldType(kind) for field, kind in (types or {}).items()}
     except ValueError as error:
         raise OptionError(f"types: {error}; known: {', '.join(FieldType)}") from None
-    options = InputOptions(records, kinds, pattern, profile, year, dbc)
+    options = InputOptions(records, kinds, pattern, profile, year, dbc, messages)
     if profile is not None and (form is not None or len(options.given) > 1):
         raise OptionError("a profile states the format: omit its other options")
     declared = None if profile is None else profile_reader(profile, year)

@@ -528,7 +528,7 @@ def test_a_type_that_nobody_defines(tmp_path: Path) -> None:
     pytest.importorskip("rosbags")
     import sqlite3
 
-    from tests.readers.samples import write_recording
+    from tests.readers.samples import TYPES, write_recording
 
     write_recording(tmp_path / "m", list(mission()), mcap=False)
     file = next((tmp_path / "m").glob("*.db3"))
@@ -545,6 +545,15 @@ def test_a_type_that_nobody_defines(tmp_path: Path) -> None:
     assert run("monitor", SAND, file).exit_code == 2
     other = written(tmp_path / "t.rvaft", 'event goal(g) = { topic: "/move_base/goal", goal: g }; top on goal(1);')
     assert run("monitor", other, file).exit_code == 1
+    messages = tmp_path / "ws" / "robot_msgs" / "msg"
+    messages.mkdir(parents=True)
+    for name, text in TYPES.items():
+        written(messages / f"{name.rpartition('/')[2]}.msg", text)
+    whole = run("monitor", LOGS / SAMPLES["mission.mcap"], file, "--messages", tmp_path / "ws")
+    assert (whole.exit_code, whole.stderr) == (1, "")
+    written(messages / "Battery.msg", "[[[ nothing")
+    failed(run("monitor", SAND, file, "--messages", tmp_path / "ws"), "Battery.msg defines no message")
+    failed(run("monitor", SAND, file, "--messages", tmp_path / "none"), "is no folder with message definitions")
 
 
 @pytest.mark.ci

@@ -36,6 +36,8 @@ REPLY: Final = 4 << 20
 FILE: Final = 256 << 20
 _LENGTH: Final = struct.Struct("<Q")
 _BLOCK: Final = 1 << 20
+_STOPPING: Final = frozenset({signal.SIGINT, signal.SIGTERM})
+"""The signals that end a command."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,16 +94,21 @@ class Child:
         (taken, self._to), (self._from, given) = os.pipe(), os.pipe()
         sys.stdout.flush()
         sys.stderr.flush()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # threads of libraries hold no lock that is used here
-            pid = os.fork()
-        if not pid:
-            _be_child(self._serve, self._limits, folder, taken, given, confined=not self._prepared)
-        os.close(taken)
-        os.close(given)
-        os.set_blocking(self._to, False)
-        self._pid, self.number = pid, self.number + 1
-        self._end = weakref.finalize(self, _ended, os.getpid(), pid, self._to, self._from, folder)
+        signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)  # Python drops what a signal raises while it forks
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)  # threads of libraries hold no lock used here
+                pid = os.fork()
+            if not pid:
+                signal.pthread_sigmask(signal.SIG_UNBLOCK, _STOPPING)
+                _be_child(self._serve, self._limits, folder, taken, given, confined=not self._prepared)
+            os.close(taken)
+            os.close(given)
+            os.set_blocking(self._to, False)
+            self._pid, self.number = pid, self.number + 1
+            self._end = weakref.finalize(self, _ended, os.getpid(), pid, self._to, self._from, folder)
+        finally:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, _STOPPING)
 
     def _exchange(self, sending: bytes) -> bytes:
         until = monotonic() + self._limits.seconds

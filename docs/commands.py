@@ -57,6 +57,7 @@ _VALUES: Final = {
     "--explain": "match.svg",
     "--fail-under": "80",
     "--foxglove": "8765",
+    "--metrics": "/var/lib/node_exporter/rvaft.prom",
     "--gates": "and,or",
     "--highlight": "branch:2",
     "--host": "127.0.0.1",

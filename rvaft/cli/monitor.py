@@ -43,6 +43,7 @@ from rvaft.support.files import note_input, require_target
 from rvaft.support.wording import listing
 
 if TYPE_CHECKING:
+    from rvaft.cli.metrics import MetricsFile
     from rvaft.cli.native_run import NativeRun
 
 TERMINAL: Final = "-"
@@ -71,7 +72,7 @@ class MonitorCommand(TreesCommand):
         ),
         "Detections": ("repeat", "repeat_by", "cooldown", "key", "max_keys"),
         "Live logs": ("follow", "clock", "complete", "checkpoint", "checkpoint_every"),
-        "Output": ("explain", "form", "detections", "template", "foxglove"),
+        "Output": ("explain", "form", "detections", "template", "foxglove", "metrics"),
         "Reactions": ("execute", "exec_fault", "exec_attack"),
         "Speed and limits": ("native", "engine", "backend", "jobs", "max_configurations"),
     }
@@ -120,6 +121,7 @@ Examples:
   rvaft monitor guessing.rvaft logs/*.jsonl --repeat-by User --format ecs
   journalctl -f -o json | rvaft monitor guessing.rvaft --profile journald
 """
+_METRICS: Final = "Write counts of events and detections to FILE every 5 seconds, for Prometheus."
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
 _ORDER: Final = "Sort events by this field, a number or an ISO 8601 time."
@@ -172,6 +174,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @click.option(
     "--foxglove", metavar="PORT|FILE", help="Send detections to Foxglove at PORT, or write them to FILE.mcap."
 )
+@click.option("--metrics", metavar="FILE", help=_METRICS)
 @click.option("--checkpoint", metavar="FILE", help="Save the state in FILE, and continue from it.")
 @options.number("--checkpoint-every", text=f"Number of events between checkpoints.  [default: {EVERY}]")
 @limit_option
@@ -223,7 +226,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         engine = native_run.engine(plans[0])
     checkpoints = _checkpoints(given, traces.sources, plans)
     drawing = None if given["explain"] == TERMINAL else given["explain"]
-    options.require_writable(one for one in (drawing, given["checkpoint"]) if one is not None)
+    options.require_writable(one for one in (drawing, given["checkpoint"], given["metrics"]) if one is not None)
+    metrics = _metrics(given)
     settings = [
         MonitorSettings(
             plan,
@@ -242,6 +246,7 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             checkpoints=checkpoints,
             engine=engine,
             native=native_run,
+            others=() if metrics is None else (metrics.of(click.format_filename(file)),),
             unchosen=given["semantics"] is None and whole.semantics is None and given["backend"] is None,
             many=many,
         )
@@ -255,7 +260,21 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
         status = _with_foxglove(settings[0], traces.sources, given["foxglove"], given["jobs"], endless=endless)
     else:
         status = run(settings, traces.sources, given["jobs"])
+    if metrics is not None:
+        metrics.write()
     return FAILED if traces.missing.met else status
+
+
+def _metrics(given: Mapping[str, Any]) -> "MetricsFile | None":
+    """Return the file of counts, if one is asked for."""
+    if given["metrics"] is None:
+        return None
+    from rvaft.cli.metrics import MetricsFile  # noqa: PLC0415 -- imported on use
+
+    options.refuse(given["jobs"] > 1, "--metrics counts in one process: omit --jobs")
+    for name in ("native", "engine", "foxglove"):
+        options.refuse(given[name], f"--metrics counts events one by one: omit --{name}")
+    return MetricsFile(Path(given["metrics"]))
 
 
 def _has_near_misses(given: Mapping[str, Any], part: RVAFT) -> bool:

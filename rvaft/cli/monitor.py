@@ -29,6 +29,7 @@ from rvaft.model.verdict import Semantics
 from rvaft.monitors import DEFAULT_LIMIT, Monitor
 from rvaft.readers.json_lines import JsonLinesReader
 from rvaft.readers.log import InputOptions, LogReader, expanded, required_stream
+from rvaft.readers.merged import MergedReader
 from rvaft.rules.validity import valid_part
 from rvaft.stream.checkpoint import EVERY, CheckpointFile
 from rvaft.stream.detection_commands import Hooks
@@ -64,6 +65,7 @@ class MonitorCommand(TreesCommand):
                 "pattern",
                 "dbc",
                 "messages",
+                "merge",
                 "order_by",
                 "window",
                 "distinct",
@@ -121,6 +123,7 @@ Examples:
   rvaft monitor guessing.rvaft logs/*.jsonl --repeat-by User --format ecs
   journalctl -f -o json | rvaft monitor guessing.rvaft --profile journald
 """
+_MERGE: Final = "Monitor all TRACEs as one, in the order of the times of their events."
 _METRICS: Final = "Write counts of events and detections to FILE every 5 seconds, for Prometheus."
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
@@ -167,6 +170,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @options.deadline_options
 @log_options.log_format
 @log_options.strict_json
+@click.option("--merge", is_flag=True, help=_MERGE)
 @options.number("--jobs", default=1, text="Number of processes.")
 @click.option("--exec", "execute", metavar="CMD", help="Run this command on each detection.")
 @click.option("--exec-fault", metavar="CMD", help="Run this command on each detection of a fault.")
@@ -205,6 +209,8 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     parts = [plan.monitors.columns[0].part for plan in plans]
     engine: QueryEngine | None = None if given["engine"] is None else engine_class(given["engine"])(plans[0])
     traces = _traces(given, list(wholes.values()))
+    if given["merge"]:
+        traces.merge(wholes.values())
     if given["native"]:
         from rvaft.cli import native  # noqa: PLC0415 -- imported on use
 
@@ -509,6 +515,19 @@ class TracesGiven:
         for one in self.sources:
             if one.file is not None:
                 note_input(one.file)
+
+    def merge(self, trees: Iterable[RVAFT]) -> None:
+        """Make one trace of all files, in the order of the time that the trees read."""
+        times = {tree.time for tree in trees}
+        options.refuse(self.streams or self.live, "--merge is for files")
+        (time,) = times if len(times) == 1 else (None,)
+        if time is None:
+            why = "--merge needs one time of events: add `time FIELD as FORMAT;` to each tree"
+            raise click.UsageError(why, click.get_current_context())
+        files = [(one.file or "", one.reader or JsonLinesReader()) for one in self.sources]
+        name = listing([one.name for one in self.sources])
+        self.several = False
+        self.sources = [TraceSource(name, files[0][0], reader=MergedReader(files, time))] if files else []
 
     @property
     def live(self) -> bool:

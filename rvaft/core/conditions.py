@@ -119,6 +119,7 @@ class TruthConditions:
         self._times, self._is_whole, self._sorts = frozenset(times), is_whole, sorts or {}
         self._present = present
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
+        self._sorts_of: dict[ConditionJunction, dict[Guard, Sort]] = {}
 
     @classmethod
     def declared(cls, known: Declared, ways: Mapping[str, Path]) -> Self:
@@ -171,9 +172,9 @@ class TruthConditions:
         for operand in reversed(operands):
             if ways and not self._is_total(operand, given):
                 opposite = self._when(operand, not wanted)
-                ways, given = [_all([opposite, _any(reversed(ways))])], {**given, **_sorts_in(opposite)}
+                ways, given = [_all([opposite, _any(reversed(ways))])], {**given, **self._sorts_in(opposite)}
             if (way := self._when(operand, wanted)) is not NEVER:
-                sorts = _sorts_in(way)
+                sorts = self._sorts_in(way)
                 given = {term: sort for term, sort in given.items() if sorts.get(term) is sort} if ways else sorts
                 ways.append(way)
         return _any(reversed(ways))
@@ -251,6 +252,22 @@ class TruthConditions:
         whole = isinstance(term, Literal | Variable) or self._is_whole(term)
         return whole and (isinstance(term, Operation) or self.sort(term) is not Sort.TIME)
 
+    def _sorts_in(self, condition: TruthCondition) -> dict[Guard, Sort]:
+        """As `_sorts_tested`, of a condition; parts that several conditions share are looked at once."""
+        if not isinstance(condition, ConditionJunction):
+            return _sorts_tested(condition)
+        if condition not in self._sorts_of:
+            found: dict[Guard, Sort] = {}
+            of_parts = [self._sorts_in(part) for part in condition.parts]
+            if condition.every:
+                for one in of_parts:
+                    found |= one
+            elif of_parts:
+                first, *others = of_parts
+                found = {term: sort for term, sort in first.items() if all(one.get(term) is sort for one in others)}
+            self._sorts_of[condition] = found
+        return self._sorts_of[condition]
+
     def sort(self, term: Guard) -> Sort:
         """Return the sort of a term's values.
 
@@ -281,16 +298,10 @@ class TruthConditions:
                 return facts.gives
 
 
-def _sorts_in(condition: TruthCondition) -> dict[Guard, Sort]:
-    """Return the terms that are a number, a text or a Boolean wherever a condition holds; times count as numbers."""
+def _sorts_tested(test: ConditionTest) -> dict[Guard, Sort]:
+    """Return the terms that are a number, a text or a Boolean wherever a test holds; times count as numbers."""
     found: dict[Guard, Sort] = {}
-    match condition:
-        case ConditionJunction(every=True, parts=parts):
-            for part in parts:
-                found |= _sorts_in(part)
-        case ConditionJunction(parts=parts):
-            first, *others = [_sorts_in(part) for part in parts] or [found]
-            found = {term: sort for term, sort in first.items() if all(one.get(term) is sort for one in others)}
+    match test:
         case ComparisonTest(sort, left, _, right):
             found = dict.fromkeys((left, right), Sort.NUMBER if sort is Sort.TIME else sort)
         case EqualityTest(term, Literal(constant), True) | EqualityTest(Literal(constant), term, True):
@@ -304,7 +315,7 @@ def _sorts_in(condition: TruthCondition) -> dict[Guard, Sort]:
         case EqualityTest() | SortTest():
             pass
         case _:
-            assert_never(condition)
+            assert_never(test)
     return {term: sort for term, sort in found.items() if sort in (Sort.NUMBER, Sort.TEXT, Sort.TRUTH)}
 
 

@@ -61,14 +61,18 @@ def _title(grammar: str) -> bytes:
 
 
 @cache
-def _parser() -> Lark:
-    """Return the parser, from the stored tables if they are those of the grammar."""
-    grammar, stored = _grammar(), Path(__file__).with_name(TABLES)
+def grammar(*, built: bool) -> Lark:
+    """Return the parser, from the stored tables if they are those of the grammar.
+
+    With `built`, it returns statements, patterns and guards, otherwise plain trees.
+    """
+    text, stored = _grammar(), Path(__file__).with_name(TABLES)
     found = stored.read_bytes() if stored.is_file() else b""
-    if found.startswith(title := _title(grammar)):
+    transformer = Build() if built else None
+    if found.startswith(title := _title(text)):
         parser = Lark.__new__(Lark)  # `Lark.load` takes no transformer
-        return parser._load(BytesIO(found[len(title) :]), transformer=Build())  # noqa: SLF001
-    return Lark(grammar, parser="lalr", start=_STARTS, transformer=Build())
+        return parser._load(BytesIO(found[len(title) :]), transformer=transformer)  # noqa: SLF001
+    return Lark(text, parser="lalr", start=_STARTS, transformer=transformer)
 
 
 def _parse(text: str, file: str, start: str) -> Any:
@@ -79,7 +83,7 @@ def _parse(text: str, file: str, start: str) -> Any:
         )
         raise error_at(what, text, found.start(), file)
     try:
-        return _parser().parse(text, start=start)
+        return grammar(built=True).parse(text, start=start)
     except Slip as slip:
         raise error_at(slip.message, text, slip.position, file) from None
     except UnexpectedInput as error:

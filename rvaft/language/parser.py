@@ -172,10 +172,14 @@ def parse_file(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> 
     """
     name = os.fspath(path)
     folder = Path(name).parent if reading.get("confine_imports", False) else None
-    return _draft(_text_of(name, folder), name, shown=False, **reading)
+    return _draft(file_text(name, folder), name, shown=False, **reading)
 
 
-def _text_of(name: str, within: Path | None = None) -> str:
+def file_text(name: str, within: Path | None = None) -> str:
+    """Return the text of a file of trees, `within` a folder if that is given.
+
+    Raises `OSError` and `LanguageError`.
+    """
     note_input(name)
     try:
         with Path(name).open("rb") if within is None else opened_within(within, Path(name)) as stream:
@@ -288,7 +292,7 @@ def _imported(source: _Source, path: Token, open_files: list[_Source], folder: P
             "move it there, or read the tree without --confine-imports"
         )
     try:
-        text = _text_of(name, folder if confined else None)
+        text = file_text(name, folder if confined else None)
     except LanguageError as inner:
         if isinstance(inner.__cause__, UnicodeDecodeError):
             raise

@@ -80,6 +80,7 @@ _SCOPES: Final[Mapping[Sort, str]] = {
     Sort.FUNCTION: "support.function",
     Sort.CONSTANT: "constant.language",
 }
+_CONTROLS: Final = re.compile(r"[\x00-\x1f]")
 _NEVER_BEFORE: Final = r"(?<![\w\"])"
 
 
@@ -89,7 +90,7 @@ def text_mate() -> dict[str, Any]:
     An editor colours one line after the other, without the parser: a word is a keyword wherever it
     stands, but for the names of fields.
     """
-    found = patterns()
+    found = {name: _portable(text) for name, text in patterns().items()}
     escape = {"match": r"\\(?:u[0-9a-fA-F]{4}|.)", "name": "constant.character.escape.rvaft"}
     rules: list[dict[str, Any]] = [
         {"begin": r"/\*", "end": r"\*/", "name": "comment.block.rvaft"},
@@ -100,7 +101,7 @@ def text_mate() -> dict[str, Any]:
         {"match": _NEVER_BEFORE + found["DURATION"], "name": "constant.numeric.duration.rvaft"},
     ]
     for sort, scope in _SCOPES.items():
-        rules += [{"match": pattern, "name": f"{scope}.rvaft"} for pattern in _matches(sort)]
+        rules += [{"match": _portable(pattern), "name": f"{scope}.rvaft"} for pattern in _matches(sort)]
     rules += [
         {"match": _NEVER_BEFORE + found["NUMBER"], "name": "constant.numeric.rvaft"},
         {"match": rf"{_NEVER_BEFORE}{found['WORD']}(?=\s*\()", "name": "entity.name.function.rvaft"},
@@ -117,6 +118,11 @@ def text_mate() -> dict[str, Any]:
     }
 
 
+def _portable(pattern: str) -> str:
+    """Return a regular expression without control characters."""
+    return _CONTROLS.sub(lambda found: f"\\x{ord(found[0]):02x}", pattern)
+
+
 def _matches(sort: Sort) -> Iterator[str]:
     """Yield the patterns of the words of a sort: their terminals, and one for the plain words.
 
@@ -131,7 +137,8 @@ def _matches(sort: Sort) -> Iterator[str]:
     if sort is Sort.STATEMENT:  # a node can have these names, so what follows decides
         yield from (f"{_NEVER_BEFORE}{patterns()[name]}" for name in looking)
         plain = [word for word in plain if word.upper() not in looking]
-    yield rf"{_NEVER_BEFORE}(?:{'|'.join(map(re.escape, sorted(plain)))})(?![\w\"])"
+    called = r"(?=\s*\()" if sort is Sort.FUNCTION else ""
+    yield rf"{_NEVER_BEFORE}(?:{'|'.join(map(re.escape, sorted(plain)))})(?![\w\"]){called}"
 
 
 if __name__ == "__main__":

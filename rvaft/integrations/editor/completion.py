@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 
 from rvaft.integrations.editor.document import Document
 from rvaft.integrations.editor.sample_log import Sample
-from rvaft.language.lexemes import GATES, Lexeme, Statement, accepted, words_of
+from rvaft.language.lexemes import GATES, Lexeme, Statement, accepted, patterns, words_of
 from rvaft.language.words import WORDS, Sort
 from rvaft.model.event_time import TimeFormat
 from rvaft.model.expressions import name_text, word_text
@@ -24,19 +24,21 @@ _FORCED: Final = {word.lower(): word for word in ("TIME", "SEMANTICS", "ASSUME",
 
 
 class Proposal(NamedTuple):
-    """A text that can replace the text from `start` to the place; `detail` is its meaning."""
+    """A text that can replace that from `start` to `end`; `detail` is its meaning."""
 
     label: str
     sort: Sort
     start: int
+    end: int
     detail: str = ""
 
 
 class _Place(NamedTuple):
-    """A place in a statement: the lexemes before it, and the start of the word at it."""
+    """A place in a statement: the lexemes before it, and the bounds of the word at it."""
 
     before: tuple[Lexeme, ...]
     start: int
+    end: int
     accepts: frozenset[str]
 
     def ends_with(self, *terminals: str) -> bool:
@@ -77,16 +79,24 @@ def _places(document: Document, offset: int) -> Iterator[_Place]:
     start = offset
     if around is not None and (around.text[:1].isalnum() or around.text[:1] in '_"'):
         start = around.start
-        before = tuple(one for one in before if one.end <= start)
-    elif document.text[offset - 1 : offset] == '"' and (around is None or around.sort is Sort.ERROR):
-        start = offset - 1
-        before = tuple(one for one in before if one.end <= start)
+    if (opened := _open_quote(document, statement, offset)) is not None:
+        start = opened
+    before = tuple(one for one in before if one.end <= start)
+    end = offset + (document.text[start : start + 1] == '"' == document.text[offset : offset + 1] and start < offset)
     text = document.text[before[0].start : start] if before else ""
-    if found := accepted(text):
-        yield _Place(before, start, found)
     if before and (forced := _FORCED.get(before[0].text)) and (found := accepted(text, forced)):
         first = before[0]._replace(terminal=forced, sort=Sort.STATEMENT)
-        yield _Place((first, *before[1:]), start, found)
+        yield _Place((first, *before[1:]), start, end, found)
+    if found := accepted(text):
+        yield _Place(before, start, end, found)
+
+
+def _open_quote(document: Document, statement: Statement | None, offset: int) -> int | None:
+    """Return the start of a string without its end on the line of an offset."""
+    for one in reversed(statement.lexemes if statement else ()):
+        if one.start < offset and one.sort is Sort.ERROR and one.text == '"':
+            return None if "\n" in document.text[one.start : offset] else one.start
+    return None
 
 
 def _proposed(document: Document, place: _Place, sample: Sample) -> Iterator[Proposal]:
@@ -95,27 +105,27 @@ def _proposed(document: Document, place: _Place, sample: Sample) -> Iterator[Pro
     accepts = place.accepts
 
     def of(labels: Sequence[str], sort: Sort, detail: str = "") -> Iterator[Proposal]:
-        return (Proposal(label, sort, place.start, detail) for label in labels)
+        return (Proposal(label, sort, place.start, place.end, detail) for label in labels)
 
     if first == "EVENT":
         yield from _in_event(place, sample)
     elif first in _FORCED.values():
         yield from of(_choices(document, place, first, sample), Sort.CHOICE)
     elif place.ends_with("ON") or place.ends_with("WITHOUT") or place.ends_with("IGNORE"):
-        yield from of([word_text(name) for name in _names(document, Sort.EVENT)], Sort.EVENT)
+        yield from of([word_text(name) for name in _names(document, Sort.EVENT, place)], Sort.EVENT)
     else:
         if "NAME" in accepts and first not in ("TOPIC", "PARAM"):
-            yield from of([name_text(name) for name in _names(document, Sort.NODE)], Sort.NODE)
+            yield from of([name_text(name) for name in _names(document, Sort.NODE, place)], Sort.NODE)
         if "VARIABLE" in accepts:
             yield from of(_argument_values(document, place, sample), Sort.STRING)
-            yield from of(list(_variables(document)), Sort.VARIABLE)
-    for terminal in sorted(accepts):
+            yield from of(list(_variables(document, place)), Sort.VARIABLE)
+    for terminal in filter(accepts.__contains__, patterns()):
         sort = _sort(terminal, place)
         if terminal == "K_OF_N":
             yield from of(["2of3"], Sort.GATE, WORDS[Sort.GATE]["2of3"].meaning)
         for word in words_of(terminal):
             known = WORDS[sort].get(word)
-            yield Proposal(word, sort, place.start, known.meaning if known else "")
+            yield Proposal(word, sort, place.start, place.end, known.meaning if known else "")
 
 
 def _sort(terminal: str, place: _Place) -> Sort:
@@ -131,13 +141,13 @@ def _choices(document: Document, place: _Place, first: str, sample: Sample) -> l
     """Return the words that a setting can have."""
     match first:
         case "SEMANTICS":
-            return list(Semantics) if len(place.before) == 1 else []
+            return list(map(str, Semantics)) if len(place.before) == 1 else []
         case "ASSUME":
-            return list(Assumption) if "WORD" in place.accepts else []
+            return list(map(str, Assumption)) if "WORD" in place.accepts else []
         case "SHOW":
-            return list(_variables(document)) if "WORD" in place.accepts else []
+            return list(_variables(document, place)) if "WORD" in place.accepts else []
     if place.ends_with("AS"):
-        return list(TimeFormat)
+        return list(map(str, TimeFormat))
     path = [one.name for one in place.before if one.sort in (Sort.FIELD, Sort.NODE, Sort.STRING)]
     if place.ends_with("TIME") or place.ends_with("DOT"):
         return sample.fields(path)
@@ -149,18 +159,18 @@ def _in_event(place: _Place, sample: Sample) -> Iterator[Proposal]:
     names = [one.terminal for one in place.before]
     if "EQUALS" not in names:
         if place.ends_with("COLON"):
-            yield from (Proposal(str(type_), Sort.CHOICE, place.start) for type_ in ValueType)
+            yield from (Proposal(str(type_), Sort.CHOICE, place.start, place.end) for type_ in ValueType)
         return
     equals = names.index("EQUALS")
     path, is_field = _path(place.before[equals:])
     if is_field:
         if path is not None:
-            yield from (Proposal(field, Sort.FIELD, place.start) for field in sample.fields(path))
+            yield from (Proposal(field, Sort.FIELD, place.start, place.end) for field in sample.fields(path))
         return
     if path is not None:
-        yield from (Proposal(value, Sort.STRING, place.start) for value in sample.values(path))
+        yield from (Proposal(value, Sort.STRING, place.start, place.end) for value in sample.values(path))
     parameters = [one.text for one in place.before[:equals] if one.sort is Sort.PARAMETER]
-    yield from (Proposal(name, Sort.PARAMETER, place.start) for name in parameters)
+    yield from (Proposal(name, Sort.PARAMETER, place.start, place.end) for name in parameters)
 
 
 def _path(pattern: Sequence[Lexeme]) -> tuple[list[str] | None, bool]:
@@ -200,9 +210,7 @@ def _argument_values(document: Document, place: _Place, sample: Sample) -> list[
     called = place.before[opened[-1] - 1].name
     for page in document.pages:
         for statement in page.statements:
-            if statement.lexemes[0].terminal == "EVENT" and statement.lexemes[1:2] and (
-                statement.lexemes[1].name == called
-            ):
+            if any(one.defines and one.sort is Sort.EVENT and one.name == called for one in statement.lexemes[:2]):
                 return _values_of(statement, number, sample)
     return []
 
@@ -223,10 +231,16 @@ def _values_of(statement: Statement, number: int, sample: Sample) -> list[str]:
     return []
 
 
-def _names(document: Document, sort: Sort) -> list[str]:
-    """Return the names of nodes or event types in all files."""
-    return list(dict.fromkeys(one.name for page in document.pages for one in page.lexemes if one.sort is sort))
+def _others(document: Document, place: _Place) -> Iterator[Lexeme]:
+    """Yield the lexemes of all files but the one that is being written."""
+    for page in document.pages:
+        yield from (one for one in page.lexemes if page is not document or one.start != place.start)
 
 
-def _variables(document: Document) -> list[str]:
-    return list(dict.fromkeys(one.text for page in document.pages for one in page.lexemes if one.terminal == "VARIABLE"))
+def _names(document: Document, sort: Sort, place: _Place) -> list[str]:
+    """Return the names of nodes or event types."""
+    return list(dict.fromkeys(one.name for one in _others(document, place) if one.sort is sort))
+
+
+def _variables(document: Document, place: _Place) -> list[str]:
+    return list(dict.fromkeys(one.text for one in _others(document, place) if one.terminal == "VARIABLE"))

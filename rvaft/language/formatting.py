@@ -42,11 +42,11 @@ class _Line(NamedTuple):
 
 
 def formatted(text: str) -> str:
-    """Return a text with another layout; its lexemes are the same, comments included.
+    r"""Return a text with another layout; its lexemes are the same, comments included.
 
     Raises `NotFormatted` for a text with a syntax error.
 
-    >>> print(formatted("top   or a b ; // either\\n a fault;"), end="")
+    >>> print(formatted("top   or a b ; // either\n a fault;"), end="")
     top or a b;       // either
     a          fault;
     """

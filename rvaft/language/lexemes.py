@@ -24,9 +24,9 @@ _LOOKING: Final = ("TOPIC", "TIME", "SEMANTICS", "ASSUME", "SHOW", "REPEAT")
 _PLAIN: Final = "PLAIN_NODE"
 _PIECE: Final = re.compile(r"\w+|;")
 GATES: Final = frozenset({"OR", "AND", "SAND", "SAND_RL", "PAND", "K_OF_N", "VOT_K", "DYNAMIC", "PDEP"})
-_CLAUSES: Final = frozenset(
-    "ON WHEN FAULT ATTACK LABEL TIMES DISTINCT EACH WITHIN WITHOUT FOR AFTER BEFORE "
-    "AS LATE YEAR ZONE TYPE FROM BY TOP_DOWN BOTTOM_UP".split()
+_CLAUSES: Final = (
+    *("ON", "WHEN", "FAULT", "ATTACK", "LABEL", "TIMES", "DISTINCT", "EACH", "WITHIN", "WITHOUT"),
+    *("FOR", "AFTER", "BEFORE", "AS", "LATE", "YEAR", "ZONE", "TYPE", "FROM", "BY", "TOP_DOWN", "BOTTOM_UP"),
 )
 _STATEMENTS: Final = frozenset(
     {"TOPLEVEL", "PARAM", "CAUSALITY", "IMPORT", "PRUNE", "IGNORE", "EVENT", *_LOOKING},
@@ -116,10 +116,10 @@ _MOST_ERRORS: Final = 100
 
 @cache
 def patterns() -> Mapping[str, str]:
-    """Return the regular expressions of the terminals, by name.
+    r"""Return the regular expressions of the terminals, by name.
 
     >>> patterns()["COMMA"], patterns()["ON"]
-    (',', 'on(?!\\\\w)')
+    (',', 'on(?!\\w)')
     """
     found = {one.name: one.pattern for one in grammar(built=False).terminals}
     return {name: re.escape(one.value) if one.type == "str" else one.value for name, one in found.items()}
@@ -152,7 +152,8 @@ def _loose() -> re.Pattern[str]:
     """Return the lexemes of a text after an error."""
     names = ("COMMENT", "STRING", "DURATION", "NUMBER", "COMPARISON", "BLANK", "DOTS")
     signs = [name for name, text in patterns().items() if len(text.removeprefix("\\")) == 1]
-    return re.compile("|".join(f"(?P<{name}>{patterns()[name]})" for name in (*names, *signs)) + r"|(?P<WORD>\w+)|.", re.S)
+    known = "|".join(f"(?P<{name}>{patterns()[name]})" for name in (*names, *signs))
+    return re.compile(rf"{known}|(?P<WORD>\w+)|.", re.DOTALL)
 
 
 def _pieces(text: str) -> Iterator[_Piece]:
@@ -171,7 +172,8 @@ def _accepted(text: str, start: int) -> Generator[_Piece, None, int | None]:
     """Yield what the parser accepts; return the position of an error, or None at the end."""
     parser = grammar(built=False).parse_interactive(text[start:], start="tree")
     try:
-        for token in parser.iter_parse():
+        for token in parser.lexer_thread.lex(parser.parser_state):  # type: ignore[no-untyped-call]
+            parser.feed_token(token)
             at = start + (token.start_pos or 0)
             if token.type == _PLAIN:
                 yield from _plain(token.value, at)
@@ -272,7 +274,11 @@ def _classified(pieces: Sequence[_Piece]) -> Iterator[Lexeme]:
         elif terminal in _STATEMENTS and number:
             sort = Sort.NAME
         elif terminal in _NAMED:
-            sort, defines = _named(terminal, first, number, before, after, brackets, children=children)
+            is_point = before == "LPAR" and pieces[number - 2].terminal == "POINT"
+            if is_node and (number == 0 or children or is_point):
+                sort, defines = Sort.NODE, number == 0
+            else:
+                sort, defines = _named(terminal, first, before, after, brackets)
         else:
             children = False
         if terminal in _OPEN:
@@ -282,9 +288,7 @@ def _classified(pieces: Sequence[_Piece]) -> Iterator[Lexeme]:
         yield Lexeme(sort, text, start, terminal, defines)
 
 
-def _named(
-    terminal: str, first: str, number: int, before: str, after: str, brackets: Sequence[str], *, children: bool
-) -> tuple[Sort, bool]:
+def _named(terminal: str, first: str, before: str, after: str, brackets: Sequence[str]) -> tuple[Sort, bool]:
     """Return the sort of a word or string, and whether the statement is about it."""
     usual = _SORTS[terminal], False
     if before in ("ON", "WITHOUT", "IGNORE", "EVENT"):
@@ -307,8 +311,6 @@ def _named(
             if before in ("TIME", "DOT"):
                 return Sort.FIELD, False
             return (Sort.CHOICE if before == "AS" and terminal == "WORD" else usual[0]), False
-        case "NAME" | "STRING" if number == 0 or children or (before == "LPAR" and terminal == "NAME"):
-            return Sort.NODE, number == 0
     return usual
 
 
@@ -332,4 +334,4 @@ def accepted(text: str, forced: str = "") -> frozenset[str]:
 
 
 def _accepts(parser: InteractiveParser) -> frozenset[str]:
-    return frozenset(parser.accepts()) - {"$END", _PLAIN}
+    return frozenset(parser.accepts()) - {"$END", _PLAIN}  # type: ignore[no-untyped-call]

@@ -52,7 +52,9 @@ _SPARE: Final = "a warm or hot spare may fail before it is used"
 _TRIGGER: Final = Word("f fdep t d e;", "the trigger `t` fails what depends on it; `f` itself never fails")
 _TEXTS: Final = "whether a string starts or ends with another string, or contains it"
 _POINTS: Final = "the times of the first and the last event of the part of n"
-_AFTER: Final = Word("without EVENT(…) for 5 s after", "in the 5 s after its last event; detected once a later time is seen")
+_AFTER: Final = Word(
+    "without EVENT(…) for 5 s after", "in the 5 s after its last event; detected once a later time is seen"
+)
 _NUMBER: Final = "a number of these, or a string that writes one"
 _LITERAL: Final = "a literal: a string, a number, `true`, `false` or `null`"
 _LOGIC: Final = "disjunction, conjunction, negation"
@@ -108,9 +110,7 @@ WORDS: Final[Mapping[Sort, Mapping[str, Word]]] = {
         "attack": Word("attack", "the kind"),
         "label": Word('label "text"', "a text for people"),
         "as": _TIME,
-        "late": Word(
-            "late DURATION", "an event that is further behind an earlier event is **late**: no match uses it"
-        ),
+        "late": Word("late DURATION", "an event that is further behind an earlier event is **late**: no match uses it"),
         "year": Word("year N", "It is the year of the whole log: where a log passes new year, split it."),
         "zone": Word("zone", "Without `zone`, times are in UTC."),
         "type": _TOPIC,

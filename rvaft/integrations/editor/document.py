@@ -48,9 +48,9 @@ class Target(NamedTuple):
 
 @dataclass(frozen=True)
 class Document:
-    """A text with the path of its file; `confined` is whether imports stay in the folder of the file.
+    r"""A text with the path of its file; `confined` is whether imports stay in the folder of the file.
 
-    >>> document = Document("top or a;\\n/* 😀 */ a fault;")
+    >>> document = Document("top or a;\n/* 😀 */ a fault;")
     >>> document.position(document.text.index("fault"))
     Position(line=1, character=11)
     >>> document.text[document.offset(Position(1, 11)) :]
@@ -144,7 +144,7 @@ class Document:
 
     @cached_property
     def pages(self) -> list["Document"]:
-        """This document and those that it imports, also indirectly, as far as they can be read."""
+        """The document and those that it imports, also indirectly, as far as they can be read."""
         folder = Path(os.path.realpath(os.path.dirname(self.file))) if self.confined else None  # noqa: PTH120
         return list(_pages(self, folder))
 

@@ -19,7 +19,6 @@ from pygments.token import (
     Punctuation,
     String,
     Whitespace,
-    _TokenType,
 )
 
 from rvaft.language.lexemes import GATES, lexemes, patterns, words_of
@@ -27,7 +26,7 @@ from rvaft.language.parser import SUFFIXES
 from rvaft.language.words import WORDS, Sort
 from rvaft.support.terminal import readable_json
 
-_TOKENS: Final[Mapping[Sort, _TokenType]] = {
+_TOKENS: Final[Mapping[Sort, Any]] = {
     Sort.BLANK: Whitespace,
     Sort.COMMENT: Comment,
     Sort.STATEMENT: Keyword.Declaration,
@@ -52,7 +51,7 @@ _TOKENS: Final[Mapping[Sort, _TokenType]] = {
 }
 
 
-class RvaftLexer(Lexer):
+class RvaftLexer(Lexer):  # type: ignore[misc] -- Pygments has no types
     """The lexer of Pygments for `rvaft`.
 
     >>> [text for kind, text in RvaftLexer().get_tokens("top or a b;") if kind in Keyword]
@@ -65,7 +64,7 @@ class RvaftLexer(Lexer):
     mimetypes: ClassVar = ["text/x-rvaft"]
     url = ""
 
-    def get_tokens_unprocessed(self, text: str) -> Iterator[tuple[int, _TokenType, str]]:
+    def get_tokens_unprocessed(self, text: str) -> Iterator[tuple[int, Any, str]]:
         """Yield the position, the kind and the text of each lexeme."""
         for one in lexemes(text):
             kind = Operator.Word if one.sort is Sort.OPERATOR and one.text.isalpha() else _TOKENS[one.sort]

@@ -47,7 +47,9 @@ class Sample:
     def fields(self, path: Sequence[str]) -> list[str]:
         """Return the names of fields at a path as the language writes them, the most frequent first."""
         found = (at(event, path) for event in self.events)
-        return [word_text(name) for name in _frequent(name for one in found if isinstance(one, Mapping) for name in one)]
+        return [
+            word_text(name) for name in _frequent(name for one in found if isinstance(one, Mapping) for name in one)
+        ]
 
     def values(self, path: Sequence[str]) -> list[str]:
         """Return the literals at a path, the most frequent first."""
@@ -55,7 +57,7 @@ class Sample:
 
 
 def _frequent(found: Iterator[str]) -> list[str]:
-    return [text for text, _ in sorted(Counter(found).items(), key=lambda one: (-one[1], one[0]))]
+    return [text for text, _ in Counter(found).most_common()]
 
 
 def _literals(value: Json) -> Iterator[str]:

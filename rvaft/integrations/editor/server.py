@@ -6,10 +6,10 @@ The functions of `analysis` and `completion` do the work; here they are put into
 import asyncio
 from collections.abc import Sequence
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, Self
 
 import click
 
@@ -49,17 +49,12 @@ def lsp_command() -> int:
     An editor starts it. Needs the extra `editor`.
     """
     context = click.get_current_context()
-    reading: TreeOptions = {"strict_galileo": bool(context.meta.get("strict_galileo")), "year": context.meta.get("year")}
+    reading: TreeOptions = {
+        "strict_galileo": bool(context.meta.get("strict_galileo")),
+        "year": context.meta.get("year"),
+    }
     server(reading, confined=options.is_confined()).start_io()
     return 0
-
-
-def _protocol() -> tuple[ModuleType, ModuleType, ModuleType]:
-    """Return the modules of pygls and of the types of the protocol; raises `ToolMissing`."""
-    remedy = "pip install 'rvaft[editor]'"
-    names = ("pygls.lsp.server", "pygls.uris", "lsprotocol.types")
-    server_module, uris, types = (installed(name, "pygls", remedy) for name in names)
-    return server_module, uris, types
 
 
 class Workspace:
@@ -92,144 +87,190 @@ class Workspace:
         return found_sample
 
 
-def server(reading: TreeOptions | None = None, *, confined: bool = False) -> Any:
-    """Return the language server; raises `ToolMissing` without pygls."""
-    pygls, uris, types = _protocol()
-    sync = types.TextDocumentSyncKind.Full  # pygls counts other line breaks than the protocol
-    made = pygls.LanguageServer("rvaft", rvaft.__version__, text_document_sync_kind=sync)
-    workspace = Workspace(reading, confined=confined)
-    running: dict[str, asyncio.Task[None]] = {}
+class Protocol(NamedTuple):
+    """The modules of pygls, and the types of the protocol."""
 
-    def document_of(uri: str) -> Document:
-        path = uris.to_fs_path(uri) if uri.startswith("file:") else None
-        return workspace.document(made.workspace.get_text_document(uri).source, path)
+    server: ModuleType
+    uris: ModuleType
+    types: ModuleType
 
-    def place_of(given: Any) -> tuple[Document, int]:
-        document = document_of(given.text_document.uri)
+    @classmethod
+    def imported(cls) -> Self:
+        """Import the modules; raises `ToolMissing`."""
+        names = ("pygls.lsp.server", "pygls.uris", "lsprotocol.types")
+        return cls(*(installed(name, "pygls", "pip install 'rvaft[editor]'") for name in names))
+
+
+class Service:
+    """The answers to an editor, in the types of the protocol; `server` is that of pygls."""
+
+    def __init__(self, server: Any, protocol: Protocol, workspace: Workspace) -> None:
+        self.server = server
+        self.uris = protocol.uris
+        self.types = protocol.types
+        self.workspace = workspace
+        self._later: dict[str, asyncio.TimerHandle] = {}
+
+    def register(self) -> None:
+        """Register the answers."""
+        types = self.types
+        completion_options = types.CompletionOptions(trigger_characters=['"', "(", "{", ",", ":", " "])
+        for name, answer, given in (
+            (types.INITIALIZE, self.initialize, None),
+            (types.WORKSPACE_DID_CHANGE_CONFIGURATION, self.configure, None),
+            (types.TEXT_DOCUMENT_DID_OPEN, self.publish_now, None),
+            (types.TEXT_DOCUMENT_DID_SAVE, self.publish_now, None),
+            (types.TEXT_DOCUMENT_DID_CHANGE, self.publish_later, None),
+            (types.TEXT_DOCUMENT_DID_CLOSE, self.close, None),
+            (types.TEXT_DOCUMENT_HOVER, self.hover, None),
+            (types.TEXT_DOCUMENT_COMPLETION, self.complete, completion_options),
+            (types.TEXT_DOCUMENT_DEFINITION, self.define, None),
+            (types.TEXT_DOCUMENT_REFERENCES, self.refer, None),
+            (types.TEXT_DOCUMENT_DOCUMENT_SYMBOL, self.list_symbols, None),
+            (types.TEXT_DOCUMENT_FORMATTING, self.lay_out, None),
+        ):
+            self.server.feature(name, given)(partial(answer))  # pygls sets attributes, and a method has none
+
+    def initialize(self, given: Any) -> None:
+        """Read the settings at the start."""
+        self.workspace.configure(given.initialization_options)
+
+    def configure(self, given: Any) -> None:
+        """Read changed settings."""
+        self.workspace.configure(given.settings)
+
+    def _document(self, uri: str) -> Document:
+        path = self.uris.to_fs_path(uri) if uri.startswith("file:") else None
+        return self.workspace.document(self.server.workspace.get_text_document(uri).source, path)
+
+    def _place(self, given: Any) -> tuple[Document, int]:
+        document = self._document(given.text_document.uri)
         return document, document.offset(Position(given.position.line, given.position.character))
 
-    def range_of(region: Region) -> Any:
-        return types.Range(types.Position(*region.start), types.Position(*region.end))
+    def _range(self, region: Region) -> Any:
+        return self.types.Range(self.types.Position(*region.start), self.types.Position(*region.end))
 
-    def location_of(target: Target, document: Document, uri: str) -> Any:
-        own = target.file == document.file
-        return types.Location(uri if own else uris.from_fs_path(str(Path(target.file).resolve())), range_of(target.region))
+    def _location(self, target: Target, document: Document, uri: str) -> Any:
+        other = target.file != document.file
+        where = self.uris.from_fs_path(str(Path(target.file).resolve())) if other else uri
+        return self.types.Location(where, self._range(target.region))
 
-    def locations(targets: Sequence[Target], document: Document, uri: str) -> list[Any]:
-        return [location_of(target, document, uri) for target in targets]
+    def _locations(self, targets: Sequence[Target], document: Document, given: Any) -> list[Any]:
+        return [self._location(target, document, given.text_document.uri) for target in targets]
 
-    def diagnostic(one: analysis.Problem, document: Document, uri: str) -> Any:
-        related = []
+    # findings
+
+    def publish_now(self, given: Any) -> None:
+        """Send the findings on a text."""
+        self._publish(given.text_document.uri)
+
+    def publish_later(self, given: Any) -> None:
+        """Send the findings on a changed text after a pause without a change."""
+        uri = given.text_document.uri
+        self._cancel(uri)
+        self._later[uri] = asyncio.get_running_loop().call_later(_PAUSE, self._publish, uri)
+
+    def close(self, given: Any) -> None:
+        """Withdraw the findings on a text."""
+        self._cancel(given.text_document.uri)
+        self._send(given.text_document.uri, [])
+
+    def _cancel(self, uri: str) -> None:
+        if (waiting := self._later.pop(uri, None)) is not None:
+            waiting.cancel()
+
+    def _publish(self, uri: str) -> None:
+        self._cancel(uri)
+        document = self._document(uri)
+        found = [self._diagnostic(one, document, uri) for one in analysis.problems(document, self.workspace.reading)]
+        self._send(uri, found, self.server.workspace.get_text_document(uri).version)
+
+    def _send(self, uri: str, found: list[Any], version: int | None = None) -> None:
+        self.server.text_document_publish_diagnostics(self.types.PublishDiagnosticsParams(uri, found, version))
+
+    def _diagnostic(self, one: analysis.Problem, document: Document, uri: str) -> Any:
+        related = None
         if one.origin is not None:
-            related = [types.DiagnosticRelatedInformation(location_of(one.origin, document, uri), one.message)]
-        return types.Diagnostic(
-            range=range_of(one.region),
+            place = self._location(one.origin, document, uri)
+            related = [self.types.DiagnosticRelatedInformation(place, one.message)]
+        return self.types.Diagnostic(
+            range=self._range(one.region),
             message=f"{one.message}\n{one.explanation}".rstrip(),
-            severity=getattr(types.DiagnosticSeverity, _SEVERITIES[one.severity]),
+            severity=getattr(self.types.DiagnosticSeverity, _SEVERITIES[one.severity]),
             code=one.code,
             source="rvaft",
-            related_information=related or None,
+            related_information=related,
         )
 
-    def publish(uri: str) -> None:
-        document = document_of(uri)
-        found = [diagnostic(one, document, uri) for one in analysis.problems(document, workspace.reading)]
-        version = made.workspace.get_text_document(uri).version
-        made.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, found, version))
+    # places and names
 
-    async def publish_later(uri: str) -> None:
-        await asyncio.sleep(_PAUSE)
-        publish(uri)
-
-    @made.feature(types.INITIALIZE)  # type: ignore[untyped-decorator]
-    def initialize(given: Any) -> None:
-        workspace.configure(given.initialization_options)
-
-    @made.feature(types.WORKSPACE_DID_CHANGE_CONFIGURATION)  # type: ignore[untyped-decorator]
-    def configured(given: Any) -> None:
-        workspace.configure(given.settings)
-
-    @made.feature(types.TEXT_DOCUMENT_DID_OPEN)  # type: ignore[untyped-decorator]
-    @made.feature(types.TEXT_DOCUMENT_DID_SAVE)  # type: ignore[untyped-decorator]
-    def opened(given: Any) -> None:
-        publish(given.text_document.uri)
-
-    @made.feature(types.TEXT_DOCUMENT_DID_CHANGE)  # type: ignore[untyped-decorator]
-    async def changed(given: Any) -> None:
-        uri = given.text_document.uri
-        if (earlier := running.pop(uri, None)) is not None:
-            earlier.cancel()
-        running[uri] = asyncio.ensure_future(publish_later(uri))
-
-    @made.feature(types.TEXT_DOCUMENT_DID_CLOSE)  # type: ignore[untyped-decorator]
-    def closed(given: Any) -> None:
-        uri = given.text_document.uri
-        if (earlier := running.pop(uri, None)) is not None:
-            earlier.cancel()
-        made.text_document_publish_diagnostics(types.PublishDiagnosticsParams(uri, []))
-
-    @made.feature(types.TEXT_DOCUMENT_HOVER)  # type: ignore[untyped-decorator]
-    def hovered(given: Any) -> Any:
-        document, offset = place_of(given)
-        found = analysis.hover(document, offset, workspace.sample(document))
+    def hover(self, given: Any) -> Any:
+        """Return the meaning of a word, or None."""
+        document, offset = self._place(given)
+        found = analysis.hover(document, offset, self.workspace.sample(document))
         if found is None:
             return None
-        content = types.MarkupContent(types.MarkupKind.Markdown, found.markdown)
-        return types.Hover(content, range_of(found.region))
+        content = self.types.MarkupContent(self.types.MarkupKind.Markdown, found.markdown)
+        return self.types.Hover(content, self._range(found.region))
 
-    triggers = types.CompletionOptions(trigger_characters=['"', "(", "{", ",", ":", " "])
-
-    @made.feature(types.TEXT_DOCUMENT_COMPLETION, triggers)  # type: ignore[untyped-decorator]
-    def completed(given: Any) -> Any:
-        document, offset = place_of(given)
-        found = completion.proposals(document, offset, workspace.sample(document))
+    def complete(self, given: Any) -> Any:
+        """Return what can be written at a place, in the order of the proposals."""
+        document, offset = self._place(given)
+        found = completion.proposals(document, offset, self.workspace.sample(document))
         items = [
-            types.CompletionItem(
+            self.types.CompletionItem(
                 label=one.label,
-                kind=getattr(types.CompletionItemKind, _KINDS.get(one.sort, "Keyword")),
+                kind=getattr(self.types.CompletionItemKind, _KINDS.get(one.sort, "Keyword")),
                 detail=one.detail or None,
                 sort_text=f"{number:04}",
-                text_edit=types.TextEdit(range_of(document.region(one.start, one.end)), one.label),
+                text_edit=self.types.TextEdit(self._range(document.region(one.start, one.end)), one.label),
             )
             for number, one in enumerate(found)
         ]
-        return types.CompletionList(is_incomplete=len(items) >= completion.MOST, items=items)
+        return self.types.CompletionList(is_incomplete=len(items) >= completion.MOST, items=items)
 
-    @made.feature(types.TEXT_DOCUMENT_DEFINITION)  # type: ignore[untyped-decorator]
-    def defined(given: Any) -> Any:
-        document, offset = place_of(given)
-        return locations(analysis.definition(document, offset), document, given.text_document.uri)
+    def define(self, given: Any) -> Any:
+        """Return the statements about a name."""
+        document, offset = self._place(given)
+        return self._locations(analysis.definition(document, offset), document, given)
 
-    @made.feature(types.TEXT_DOCUMENT_REFERENCES)  # type: ignore[untyped-decorator]
-    def referred(given: Any) -> Any:
-        document, offset = place_of(given)
+    def refer(self, given: Any) -> Any:
+        """Return the uses of a name."""
+        document, offset = self._place(given)
         found = analysis.references(document, offset, declarations=given.context.include_declaration)
-        return locations(found, document, given.text_document.uri)
+        return self._locations(found, document, given)
 
-    @made.feature(types.TEXT_DOCUMENT_DOCUMENT_SYMBOL)  # type: ignore[untyped-decorator]
-    def listed(given: Any) -> Any:
-        kinds = {Sort.NODE: types.SymbolKind.Object, Sort.EVENT: types.SymbolKind.Event}
+    def list_symbols(self, given: Any) -> Any:
+        """Return the nodes and event types of a text."""
+        kinds = {Sort.NODE: self.types.SymbolKind.Object, Sort.EVENT: self.types.SymbolKind.Event}
         return [
-            types.DocumentSymbol(
+            self.types.DocumentSymbol(
                 name=one.name,
                 kind=kinds[one.sort],
-                range=range_of(one.region),
-                selection_range=range_of(one.selection),
+                range=self._range(one.region),
+                selection_range=self._range(one.selection),
                 detail=one.detail or None,
             )
-            for one in analysis.symbols(document_of(given.text_document.uri))
+            for one in analysis.symbols(self._document(given.text_document.uri))
         ]
 
-    @made.feature(types.TEXT_DOCUMENT_FORMATTING)  # type: ignore[untyped-decorator]
-    def laid_out(given: Any) -> Any:
-        document = document_of(given.text_document.uri)
+    def lay_out(self, given: Any) -> Any:
+        """Return the change to another layout; None if the text has an error or is too large."""
+        document = self._document(given.text_document.uri)
         if len(document.text) > MAX_TEXT:
             return None
         try:
             text = formatted(document.text)
         except NotFormatted:
             return None
-        whole = range_of(document.region(0, len(document.text)))
-        return [types.TextEdit(whole, text)] if text != document.text else []
+        whole = self._range(document.region(0, len(document.text)))
+        return [self.types.TextEdit(whole, text)] if text != document.text else []
 
+
+def server(reading: TreeOptions | None = None, *, confined: bool = False) -> Any:
+    """Return the language server; raises `ToolMissing` without pygls."""
+    protocol = Protocol.imported()
+    sync = protocol.types.TextDocumentSyncKind.Full  # pygls counts other line breaks than the protocol
+    made = protocol.server.LanguageServer("rvaft", rvaft.__version__, text_document_sync_kind=sync)
+    Service(made, protocol, Workspace(reading, confined=confined)).register()
     return made

@@ -29,7 +29,7 @@ def test_pygments_reads_every_tree(name: str) -> None:
 def test_the_trees_of_the_documentation_have_no_error() -> None:
     pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     blocks = [(page, text) for page in pages for text in BLOCK.findall(page.read_text(encoding="utf-8"))]
-    assert len(blocks) > 20
+    assert blocks
     assert [page.name for page, text in blocks if any(kind in Error for kind, _ in RvaftLexer().get_tokens(text))] == []
 
 
@@ -51,11 +51,13 @@ def test_the_stored_grammar_is_that_of_the_language() -> None:
 
 
 def coloured(line: str) -> list[tuple[str, str]]:
-    """The pieces of a line with their scopes, by the rules of TextMate: the first match, of equal ones the first rule."""
+    """The pieces of a line with their scopes, by the first match; of equal ones that of the first rule."""
     rules = [(re.compile(rule.get("match") or rule["begin"]), rule["name"]) for rule in text_mate()["patterns"]]
     found, position = [], 0
     while position < len(line):
-        matches = [(hit.start(), number, hit) for number, (rule, _) in enumerate(rules) if (hit := rule.search(line, position))]
+        matches = [
+            (hit.start(), number, hit) for number, (rule, _) in enumerate(rules) if (hit := rule.search(line, position))
+        ]
         if not matches:
             break
         _, number, hit = min(matches)

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import pytest
 
@@ -15,6 +15,7 @@ from rvaft.integrations.editor.document import Document
 from tests.cli.runs import written
 
 COMMAND = "from rvaft.integrations.editor.server import lsp_command; lsp_command()"
+EDITOR: Final[dict[str, Any]] = {"processId": None, "rootUri": None, "capabilities": {}}
 
 
 class Client:
@@ -73,7 +74,7 @@ def client() -> Iterator[Client]:
 
 
 def test_an_editor_is_served(client: Client, tmp_path: Path) -> None:
-    text = 'import "events.rvaft";\n# 😀\ntop   or a b;\na on login("ev'
+    text = 'import "events.rvaft";\n# 😀\ntop   or a b c;\na on login("ev'
     tree = written(tmp_path / "a b.rvaft", text)
     events = written(tmp_path / "events.rvaft", "event login(who) = { user: who };\n")
     written(tmp_path / "log.jsonl", '{"user": "eve"}\n{"user": "bob"}\n')
@@ -84,11 +85,15 @@ def test_an_editor_is_served(client: Client, tmp_path: Path) -> None:
         return {**document, "position": {"line": line, "character": character}}
 
     options = {"log": "log.jsonl"}
-    begun = client.ask("initialize", {"processId": None, "rootUri": None, "capabilities": {}, "initializationOptions": options})
+    begun = client.ask(
+        "initialize", {"processId": None, "rootUri": None, "capabilities": {}, "initializationOptions": options}
+    )
     assert begun["serverInfo"]["name"] == "rvaft"
     assert begun["capabilities"]["textDocumentSync"]["change"] == 1
     client.send("initialized", {})
-    client.send("textDocument/didOpen", {"textDocument": {"uri": uri, "languageId": "rvaft", "version": 1, "text": text}})
+    client.send(
+        "textDocument/didOpen", {"textDocument": {"uri": uri, "languageId": "rvaft", "version": 1, "text": text}}
+    )
     (wrong,) = client.diagnostics()["diagnostics"]
     assert (wrong["code"], wrong["severity"], wrong["source"]) == ("syntax", 1, "rvaft")
     assert wrong["range"]["start"] == {"line": 3, "character": 11}
@@ -99,7 +104,9 @@ def test_an_editor_is_served(client: Client, tmp_path: Path) -> None:
     assert client.ask("textDocument/formatting", {**document, "options": {"tabSize": 2, "insertSpaces": True}}) is None
 
     text = text.removesuffix('"ev') + '"eve"); c fault;\n'
-    client.send("textDocument/didChange", {"textDocument": {"uri": uri, "version": 2}, "contentChanges": [{"text": text}]})
+    client.send(
+        "textDocument/didChange", {"textDocument": {"uri": uri, "version": 2}, "contentChanges": [{"text": text}]}
+    )
     published = client.diagnostics()
     assert published["version"] == 2
     found = {one["code"]: one for one in published["diagnostics"]}
@@ -119,7 +126,7 @@ def test_an_editor_is_served(client: Client, tmp_path: Path) -> None:
     names = [one["name"] for one in client.ask("textDocument/documentSymbol", document)]
     assert names == ["top", "a", "c"]
     (edit,) = client.ask("textDocument/formatting", {**document, "options": {"tabSize": 2, "insertSpaces": True}})
-    assert "top or a b;\n" in edit["newText"]
+    assert "top or a b c;\n" in edit["newText"]
     assert edit["newText"].startswith('import "events.rvaft";\n# 😀\n')
 
     client.send("workspace/didChangeConfiguration", {"settings": {"rvaft": {"log": "none.jsonl"}}})
@@ -133,15 +140,16 @@ def test_an_editor_is_served(client: Client, tmp_path: Path) -> None:
 
 def test_imports_are_confined_by_the_option(client: Client, tmp_path: Path) -> None:
     written(tmp_path / "out.rvaft", "a fault;")
+    (tmp_path / "in").mkdir()
     tree, text = written(tmp_path / "in" / "t.rvaft", ""), 'import "../out.rvaft"; top or a;'
-    client.ask("initialize", {"processId": None, "rootUri": None, "capabilities": {}})
+    client.ask("initialize", EDITOR)
     given = {"uri": tree.as_uri(), "languageId": "rvaft", "version": 1, "text": text}
     client.send("textDocument/didOpen", {"textDocument": given})
     assert "outside the folder" in client.diagnostics()["diagnostics"][0]["message"]
 
 
 def test_a_text_without_a_file_is_served(client: Client) -> None:
-    client.ask("initialize", {"processId": None, "rootUri": None, "capabilities": {}})
+    client.ask("initialize", EDITOR)
     given = {"uri": "untitled:one", "languageId": "rvaft", "version": 1, "text": "top or a; a;"}
     client.send("textDocument/didOpen", {"textDocument": given})
     assert client.diagnostics() == {"uri": "untitled:one", "version": 1, "diagnostics": []}
@@ -169,6 +177,7 @@ def test_a_sample_is_read_again_when_its_log_has_changed(tmp_path: Path) -> None
     with log.open("a", encoding="utf-8") as stream:
         stream.write('{"n": 2}\n')
     assert len(workspace.sample(document).events) == 2
+    odd: object
     for odd in (None, {"rvaft": {"log": 3}}, {"rvaft": []}, []):
         workspace.configure(odd)
         assert workspace.log == ""

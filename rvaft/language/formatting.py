@@ -4,7 +4,7 @@ Unlike `rvaft.dumps` this keeps comments, the order of statements, and the break
 with one statement each are aligned as `dumps` aligns them.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from rvaft.errors import RvaftError
@@ -47,28 +47,30 @@ def formatted(text: str) -> str:
     Raises `NotFormatted` for a text with a syntax error.
 
     >>> print(formatted("top   or a b ; // either\n a fault;"), end="")
-    top or a b;       // either
+    top or a b;  // either
     a          fault;
     """
-    if not all(one.complete for one in statements(text)):
+    found = statements(text)
+    if not all(one.complete for one in found):
         raise NotFormatted("a text with a syntax error is not formatted")
     newline = "\r\n" if "\r\n" in text else "\n"
-    result = "".join(line + newline for line in _written(list(_lines(text))))
-    if _content(result) != _content(text):  # whatever the layout does wrong
+    before = list(lexemes(text, found))
+    result = "".join(line + newline for line in _written(list(_lines(before))))
+    if _content(lexemes(result)) != _content(before):  # whatever the layout does wrong
         raise NotFormatted("the layout would change the text")
     return result
 
 
-def _content(text: str) -> list[tuple[str, str]]:
-    return [(one.terminal, one.text.rstrip()) for one in lexemes(text) if one.sort is not Sort.BLANK]
+def _content(found: Iterable[Lexeme]) -> list[tuple[str, str]]:
+    return [(one.terminal, one.text.rstrip()) for one in found if one.sort is not Sort.BLANK]
 
 
-def _lines(text: str) -> Iterator[_Line]:
+def _lines(found: Iterable[Lexeme]) -> Iterator[_Line]:
     """Yield the lines; a comment of several lines is in one."""
     line: list[Lexeme] = []
     newlines, depth, begun = 0, 0, False
     starts, opened, blank = True, 0, False
-    for one in lexemes(text):
+    for one in found:
         if one.sort is Sort.BLANK:
             newlines = one.text.count("\n")
             continue

@@ -6,7 +6,7 @@ word; then the parser starts afresh.
 
 import json
 import re
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Final, NamedTuple
 
@@ -153,7 +153,7 @@ def _loose() -> re.Pattern[str]:
     names = ("COMMENT", "STRING", "DURATION", "NUMBER", "COMPARISON", "BLANK", "DOTS")
     signs = [name for name, text in patterns().items() if len(text.removeprefix("\\")) == 1]
     known = "|".join(f"(?P<{name}>{patterns()[name]})" for name in (*names, *signs))
-    return re.compile(rf"{known}|(?P<WORD>\w+)|.", re.DOTALL)
+    return re.compile(rf"{known}|(?P<WORD>\w+)|/\*.*|.", re.DOTALL)  # a comment without its end is one error
 
 
 def _pieces(text: str) -> Iterator[_Piece]:
@@ -237,14 +237,14 @@ def statements(text: str) -> list[Statement]:
     return found
 
 
-def lexemes(text: str) -> Iterator[Lexeme]:
-    """Yield the lexemes of a text, which together are the text.
+def lexemes(text: str, found: Iterable[Statement] | None = None) -> Iterator[Lexeme]:
+    """Yield the lexemes of a text, which together are the text; `found` are its statements if they are known.
 
     >>> [(one.sort.value, one.text) for one in lexemes("a fault; # odd")][2:]
     [('clause', 'fault'), ('sign', ';'), ('blank', ' '), ('comment', '# odd')]
     """
-    end = 0
-    for one in (lexeme for statement in statements(text) for lexeme in statement.lexemes):
+    end, known = 0, statements(text) if found is None else found
+    for one in (lexeme for statement in known for lexeme in statement.lexemes):
         yield from _between(text, end, one.start)
         yield one
         end = one.end

@@ -62,8 +62,9 @@ def test_any_text_is_its_lexemes(text: str) -> None:
     assert "".join(one.text for one in lexemes(text)) == text
 
 
-def test_a_text_with_many_errors_is_read() -> None:
-    text = "a on ); " * 2_000
+@pytest.mark.parametrize("part", ["a on ); ", "topic /*", '"', "pdep = 1", "/*/", ");", '"a\\'])
+def test_a_text_with_many_errors_is_read(part: str) -> None:
+    text = part * 5_000
     assert "".join(one.text for one in lexemes(text)) == text
 
 

@@ -119,7 +119,7 @@ def _proposed(document: Document, place: _Place, sample: Sample) -> Iterator[Pro
         if "VARIABLE" in accepts:
             yield from of(_argument_values(document, place, sample), Sort.STRING)
             yield from of(list(_variables(document, place)), Sort.VARIABLE)
-    for terminal in filter(accepts.__contains__, patterns()):
+    for terminal in sorted(filter(accepts.__contains__, patterns()), key="DYNAMIC".__eq__):  # Galileo's last
         sort = _sort(terminal, place)
         if terminal == "K_OF_N":
             yield from of(["2of3"], Sort.GATE, WORDS[Sort.GATE]["2of3"].meaning)

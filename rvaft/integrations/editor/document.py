@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -17,10 +17,11 @@ from rvaft.model.nodes import Place
 from rvaft.model.tree import RVAFT
 from rvaft.rules.loading import loads
 
-MAX_TEXT: Final = 1024 * 1024
+MAX_TEXT: Final = 512 * 1024
 """The maximum number of characters that are analysed."""
 MAX_PAGES: Final = 100
 """The maximum number of files that are searched for names."""
+_statements: Final = lru_cache(maxsize=MAX_PAGES)(statements)
 _BREAK: Final = re.compile(r"\r\n|\n|\r")
 _WIDE: Final = re.compile("[\U00010000-\U0010ffff]")
 
@@ -64,7 +65,7 @@ class Document:
     @cached_property
     def statements(self) -> list[Statement]:
         """The statements of the text; none if it is too large to be analysed."""
-        return statements(self.text) if len(self.text) <= MAX_TEXT else []
+        return _statements(self.text) if len(self.text) <= MAX_TEXT else []
 
     @cached_property
     def lexemes(self) -> list[Lexeme]:

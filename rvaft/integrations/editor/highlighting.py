@@ -51,7 +51,7 @@ _TOKENS: Final[Mapping[Sort, Any]] = {
 }
 
 
-class RvaftLexer(Lexer):  # type: ignore[misc] -- Pygments has no types
+class RvaftLexer(Lexer):  # type: ignore[misc] # Pygments has no types
     """The lexer of Pygments for `rvaft`.
 
     >>> [text for kind, text in RvaftLexer().get_tokens("top or a b;") if kind in Keyword]

@@ -11,7 +11,7 @@ import rvaft
 from rvaft.integrations.editor import sample_log
 from rvaft.integrations.editor.analysis import definition, hover, problems, references, symbols
 from rvaft.integrations.editor.completion import proposals
-from rvaft.integrations.editor.document import Document, Position, Target
+from rvaft.integrations.editor.document import MAX_TEXT, Document, Position, Target
 from rvaft.integrations.editor.sample_log import Sample
 from rvaft.rules.registry import meanings
 from tests.cli.runs import written
@@ -139,7 +139,7 @@ def test_imports_can_be_confined(tmp_path: Path) -> None:
 
 
 def test_a_text_that_is_too_large_is_not_analysed() -> None:
-    document = Document("top or a b;" + " " * 1024 * 1024)
+    document = Document("top or a b;" + " " * MAX_TEXT)
     assert "not analysed" in problems(document)[0].message
     assert symbols(document) == []
 

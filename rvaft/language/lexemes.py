@@ -150,10 +150,11 @@ def _keywords() -> Mapping[str, str]:
 @cache
 def _loose() -> re.Pattern[str]:
     """Return the lexemes of a text after an error."""
-    names = ("COMMENT", "STRING", "DURATION", "NUMBER", "COMPARISON", "BLANK", "DOTS")
+    names = ("STRING", "DURATION", "NUMBER", "COMPARISON", "BLANK", "DOTS")
     signs = [name for name, text in patterns().items() if len(text.removeprefix("\\")) == 1]
     known = "|".join(f"(?P<{name}>{patterns()[name]})" for name in (*names, *signs))
-    return re.compile(rf"{known}|(?P<WORD>\w+)|/\*.*|.", re.DOTALL)  # a comment without its end is one error
+    comment = rf"(?P<COMMENT>{patterns()['COMMENT']})|/\*.*"  # one without its end is one error
+    return re.compile(rf"{comment}|{known}|(?P<WORD>\w+)|.", re.DOTALL)
 
 
 def _pieces(text: str) -> Iterator[_Piece]:

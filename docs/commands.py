@@ -28,6 +28,7 @@ CALLS: Final = {
     "explain": "unbound-variable",
     "fields": "log.jsonl",
     "infer": "log.jsonl",
+    "lsp": "",
 }
 """The arguments of each command in the examples."""
 

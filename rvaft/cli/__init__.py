@@ -52,6 +52,7 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
         "fields": "List the kinds of events in a log, and their fields.",
         "infer": "Write a tree to start from, inferred from a log.",
         "new": "Write a tree to start from, with the language in comments.",
+        "lsp": "Serve editors: findings, completion, definitions, layout.",
     },
     "Monitor": {
         "monitor": "Monitor the events of logs and print verdicts.",

@@ -61,14 +61,18 @@ def _title(grammar: str) -> bytes:
 
 
 @cache
-def _parser() -> Lark:
-    """Return the parser, from the stored tables if they are those of the grammar."""
-    grammar, stored = _grammar(), Path(__file__).with_name(TABLES)
+def grammar(*, built: bool) -> Lark:
+    """Return the parser, from the stored tables if they are those of the grammar.
+
+    With `built`, it returns statements, patterns and guards, otherwise plain trees.
+    """
+    text, stored = _grammar(), Path(__file__).with_name(TABLES)
     found = stored.read_bytes() if stored.is_file() else b""
-    if found.startswith(title := _title(grammar)):
+    transformer = Build() if built else None
+    if found.startswith(title := _title(text)):
         parser = Lark.__new__(Lark)  # `Lark.load` takes no transformer
-        return parser._load(BytesIO(found[len(title) :]), transformer=Build())  # noqa: SLF001
-    return Lark(grammar, parser="lalr", start=_STARTS, transformer=Build())
+        return parser._load(BytesIO(found[len(title) :]), transformer=transformer)  # noqa: SLF001
+    return Lark(text, parser="lalr", start=_STARTS, transformer=transformer)
 
 
 def _parse(text: str, file: str, start: str) -> Any:
@@ -79,7 +83,7 @@ def _parse(text: str, file: str, start: str) -> Any:
         )
         raise error_at(what, text, found.start(), file)
     try:
-        return _parser().parse(text, start=start)
+        return grammar(built=True).parse(text, start=start)
     except Slip as slip:
         raise error_at(slip.message, text, slip.position, file) from None
     except UnexpectedInput as error:
@@ -168,10 +172,14 @@ def parse_file(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> 
     """
     name = os.fspath(path)
     folder = Path(name).parent if reading.get("confine_imports", False) else None
-    return _draft(_text_of(name, folder), name, shown=False, **reading)
+    return _draft(file_text(name, folder), name, shown=False, **reading)
 
 
-def _text_of(name: str, within: Path | None = None) -> str:
+def file_text(name: str, within: Path | None = None) -> str:
+    """Return the text of a file of trees, `within` a folder if that is given.
+
+    Raises `OSError` and `LanguageError`.
+    """
     note_input(name)
     try:
         with Path(name).open("rb") if within is None else opened_within(within, Path(name)) as stream:
@@ -284,7 +292,7 @@ def _imported(source: _Source, path: Token, open_files: list[_Source], folder: P
             "move it there, or read the tree without --confine-imports"
         )
     try:
-        text = _text_of(name, folder if confined else None)
+        text = file_text(name, folder if confined else None)
     except LanguageError as inner:
         if isinstance(inner.__cause__, UnicodeDecodeError):
             raise

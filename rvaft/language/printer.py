@@ -43,13 +43,13 @@ def dumps(tree: RVAFT) -> str:
     expect("a tree to print", tree, RVAFT, "an RVAFT")
     blocks = [
         [*_settings(tree)],
-        _aligned(
+        aligned(
             [f"event {word_text(event.name)}({_parameters(event)})", f"= {pattern_text(event.pattern)}"]
             for event in tree.events.values()
         ),
-        _aligned(_topic_cells(topic) for topic in tree.topics.values()),
+        aligned(_topic_cells(topic) for topic in tree.topics.values()),
         [f"ignore {on_text(ignore.on)}{_when(ignore.when)};" for ignore in tree.ignores],
-        [f"toplevel {name_text(tree.root)};", *_aligned(_node_cells(node) for node in _stated(tree))],
+        [f"toplevel {name_text(tree.root)};", *aligned(_node_cells(node) for node in _stated(tree))],
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block) + "\n"
 
@@ -106,7 +106,12 @@ def _node_cells(node: Node) -> list[str]:
     return [name_text(node.name), gate, node.kind or "", tail.lstrip(), attributes, label]
 
 
-def _aligned(rows: Iterable[list[str]]) -> list[str]:
+def aligned(rows: Iterable[list[str]]) -> list[str]:
+    """Return a line for each row of cells, with its semicolon; cells of a column start below each other.
+
+    >>> aligned([["a", "or b", ""], ["long", "", "fault"]])
+    ['a    or b;', 'long      fault;']
+    """
     table = list(rows)
     widths = [max((len(c) for c in column if len(c) <= _WIDEST), default=0) for column in zip(*table, strict=True)]
     lines = []

@@ -21,11 +21,11 @@ def test_the_tables_are_those_of_the_grammar() -> None:
 def test_the_stored_tables_parse_as_the_grammar_does(monkeypatch: pytest.MonkeyPatch) -> None:
     text = Path("trees/remote_inspection/pruned.rvaft").read_text(encoding="utf-8")
     stored = parser.parse(text)
-    parser._parser.cache_clear()
+    parser.grammar.cache_clear()
     with monkeypatch.context() as changed:
         changed.setattr(parser, "TABLES", "nothing")
         assert parser.parse(text) == stored
-    parser._parser.cache_clear()
+    parser.grammar.cache_clear()
 
 
 if __name__ == "__main__":

@@ -1,0 +1,1 @@
+"""Support for editors: a language server, and highlighting for Pygments and TextMate."""

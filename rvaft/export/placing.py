@@ -31,16 +31,16 @@ from rvaft.support.terminal import visible
 
 SIZE: Final = 10.0
 """The size of text, in points; all other lengths are relative to it."""
-_LINE, _PAD, _MARGIN, _ACROSS, _DOWN = 1.25, 0.35, 0.4, 0.7, 2.0
-"""Height of a line, padding of a box, margin, gap between boxes and between levels."""
+_LINE, _SIDE, _PAD, _MARGIN, _ACROSS, _DOWN = 1.25, 0.28, 0.35, 0.25, 0.6, 2.0
+"""Height of a line, padding of a box beside and above text, margin, gap between boxes and levels."""
 _STEM: Final = 0.6
 """Length of the line between a box and its symbol."""
 _CROSSING, _MOST = 0.5, 2.0
 """Additional gap above a level for each edge from another node than that above, and the most."""
 _BADGE: Final = 12
 """Columns of a badge, such as `20×, event 7316`, which is set smaller."""
-_TRIED: Final = 40
-"""The number of gates for which a staggered layout tries several arrangements."""
+_TRIED, _FEW = 40, 4
+"""The numbers of gates for which a staggered layout tries several arrangements, and of single leaves."""
 _SAMPLE: Final = 5.2
 """Width of the column of samples in a legend."""
 _EMS: Final[Mapping[str, float]] = {
@@ -289,7 +289,7 @@ def place(tree: RVAFT, look: Look, *, size: float = SIZE, badges: bool = False) 
 def _draft(node: Node, part: View, look: Look, size: float, *, badge: bool) -> _Draft:
     lines = [(role, visible(line)) for role, some in rows(node, look) for line in some]
     widest = max((text_width(line, bold=role is Role.BOLD) for role, line in lines), default=1.0)
-    width = max(widest, _BADGE * _LETTER if badge else 2.0) + 2 * _PAD
+    width = max(widest, _BADGE * _LETTER if badge else 2.0) + 2 * _SIDE
     symbol = _symbol(node, part, look, size)
     return _Draft(node, lines, round(width * size, 1), ((len(lines) + badge) * _LINE + 2 * _PAD) * size, symbol)
 
@@ -351,11 +351,13 @@ def _levels(part: View, lowered: Collection[str], drafts: Mapping[str, _Draft]) 
 
 
 def _lowered(part: View, drafts: Mapping[str, _Draft], size: float) -> Collection[str]:
-    """Return the leaves to lower by a level: per gate every other one, or none, for the least width."""
+    """Return the leaves to lower by a level: per gate every other one, one, or none, for the least width."""
     choices: dict[str, list[frozenset[str]]] = {}
     for node in part.nodes:
-        leaves = [frozenset(one for one in part.children(node)[start::2] if drafts[one].node.leaf) for start in (1, 0)]
-        choices[node.name] = [one for one in (*leaves, frozenset[str]()) if one or any(leaves)]
+        children = part.children(node)
+        leaves = [frozenset(one for one in children[start::2] if drafts[one].node.leaf) for start in (1, 0)]
+        single = [frozenset([one]) for one in children if drafts[one].node.leaf][:_FEW]
+        choices[node.name] = [*leaves, frozenset(), *single] if any(leaves) else []
     chosen = {name: some[0] for name, some in choices.items() if some}
 
     def width() -> float:

@@ -42,7 +42,7 @@ _LIGHT: Final = {
     ".event": "fill: #17406d",
     ".guard": "fill: #6d2a17",
     ".fault > text, .attack > text": "fill: #000000",
-    ".kept > path, .kept.line": "stroke: #000000",
+    ".kept > path, .kept > rect, .kept.line": "stroke: #000000",
     ".faint > .box, .faint > .gate, .faint > .leaf": "fill: #f6f6f6; stroke: #b8b8b8",
     ".faint > text": "fill: #999999",
     ".faint > .line, .faint.line": "stroke: #c4c4c4",
@@ -58,7 +58,7 @@ _DARK: Final = {
     ".event": "fill: #9cc4f5",
     ".guard": "fill: #f2b49f",
     ".fault > text, .attack > text": "fill: #ffffff",
-    ".kept > path, .kept.line": "stroke: #ffffff",
+    ".kept > path, .kept > rect, .kept.line": "stroke: #ffffff",
     ".faint > .box, .faint > .gate, .faint > .leaf": "fill: #1b1f24; stroke: #4a5058",
     ".faint > text": "fill: #7d848c",
     ".faint > .line, .faint.line": "stroke: #4a5058",
@@ -74,7 +74,7 @@ _FORM: Final = {
     ".line, .inside": "fill: none",
     ".inside": "stroke: #444444",
     ".condition > .leaf, .boxes .condition > .box": "stroke-dasharray: 3 2",
-    ".kept > path, .kept.line": "stroke-width: 2.2",
+    ".kept > path, .kept > rect, .kept.line": "stroke-width: 2.2",
 }
 
 
@@ -180,7 +180,7 @@ def _drawn(tree: RVAFT, placed: Placing, look: Look, *, badges: bool, ids: bool)
         yield from _edge(edge, number, look.marks)
     for name, box in placed.boxes.items():
         mark = "" if look.marks is None else "kept" if name in look.marks.kept else "faint"
-        yield "".join(_node(box, number[name], mark, badge=badges and box.node.has_event, ids=ids))
+        yield "".join(_node(box, number[name], mark, badge=badges, ids=ids))
 
 
 def _edge(edge: Edge, number: Mapping[str, int], marks: Marks | None) -> Iterator[str]:
@@ -208,7 +208,8 @@ def _node(box: Box, number: int, mark: str, *, badge: bool, ids: bool) -> Iterat
         yield f'<path class="line stem" d="M{box.x:.1f} {foot:.1f}V{box.symbol.y:.1f}"/>'
         known = f' id="gate-{name}"' if ids and node.gate is not None else ""
         yield from _symbol(box.symbol, "leaf" if node.leaf else f"gate {node.gate or ''}".strip(), known)
-    yield f'<path class="box" d="{path_text(box.outline())}"/>'
+    left, size = box.x - box.width / 2, f'width="{box.width:.1f}" height="{box.height:.1f}"'
+    yield f'<rect class="box" x="{left:.1f}" y="{box.y:.1f}" {size} rx="3"/>'
     for line in box.lines:
         yield _text(line, _CLASSES[line.role])
     if badge:

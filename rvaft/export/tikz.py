@@ -77,18 +77,18 @@ def _node(box: Box, marked: bool | None) -> Iterator[str]:
     if symbol is not None:
         stem: tuple[Step, ...] = (("M", (box.x, box.y + box.height)), ("L", (box.x, symbol.y)))
         yield _path(f"line{mark.replace('unmarked', 'faint')}", stem)
-        yield from _symbol(symbol, f"leaf{kind}{dashed}{mark}" if node.leaf else f"gate{mark}", faint=marked is False)
+        yield from _symbol(symbol, f"leaf{kind}{dashed}{mark}" if node.leaf else f"gate{mark}", mark=mark)
     yield _path(f"box{kind}{'' if symbol is not None else dashed}{mark}", box.outline())
     for line in box.lines:
         yield _text(line, faint=marked is False)
 
 
-def _symbol(symbol: Symbol, style: str, *, faint: bool = False) -> Iterator[str]:
+def _symbol(symbol: Symbol, style: str, *, mark: str = "") -> Iterator[str]:
     yield _path(style, symbol.outline())
     if inside := symbol.inside():
-        yield _path("line, faint" if faint else "line", inside)
+        yield _path(f"line{mark.replace('unmarked', 'faint')}", inside)
     if symbol.text:
-        yield _text(Text(symbol.x, symbol.middle, symbol.text), faint=faint)
+        yield _text(Text(symbol.x, symbol.middle, symbol.text), faint=mark == ", unmarked")
 
 
 def _path(style: str, path: Iterable[Step]) -> str:

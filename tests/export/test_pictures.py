@@ -120,7 +120,8 @@ def test_edges_end_at_the_middle_of_a_box_and_pass_between_boxes() -> None:
         assert overlaps(Picture(found.frames, [], found.width, found.smallest)) == []
         for (first, last), corners in edges(svg).items():
             above, below = tree.order[first], found.frames[tree.order[last]]
-            assert corners[-1] == (pytest.approx(below.middle, abs=0.1), pytest.approx(below.top, abs=0.1))
+            assert corners[-1][0] == pytest.approx(below.middle, abs=0.1)
+            assert corners[-1][1] == pytest.approx(below.top, abs=0.1)
             assert corners[0][0] == pytest.approx(found.frames[above].middle, abs=0.1)
             for (x, y), (other, lower) in pairwise(corners[1:]):
                 if x == other:  # upright, beside the boxes of a level

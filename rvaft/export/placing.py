@@ -217,14 +217,15 @@ class _Draft:
     width: float
     height: float
     symbol: Symbol | None
+    spare: float = 0.0
     level: int = 0
     x: float = 0.0
     y: float = 0.0
 
     @property
     def across(self) -> float:
-        """The width of the box with its symbol."""
-        return max(self.width, self.symbol.width if self.symbol is not None else 0.0)
+        """The width of the box with its symbol and its spare room."""
+        return max(self.width, self.symbol.width if self.symbol is not None else 0.0) + self.spare
 
 
 @dataclass(slots=True)
@@ -263,13 +264,17 @@ def text_width(text: str, *, bold: bool = False) -> float:
     return width * (_BOLD if bold else 1)
 
 
-def place(tree: RVAFT, look: Look, *, size: float = SIZE, badges: bool = False) -> Placing:
+def place(tree: RVAFT, look: Look, *, size: float = SIZE, spare: float = 0.0, badges: bool = False) -> Placing:
     """Return the layout of a tree with room for `badges` in the boxes of events.
+
+    `size` is that of text, and `spare` an additional gap between boxes.
 
     Raises `OptionError`.
     """
     part = view(tree, look)
     drafts = {node.name: _draft(node, part, look, size, badge=badges and node.has_event) for node in part.nodes}
+    for draft in drafts.values():
+        draft.spare = spare
     width, tops, bottoms = _spread(part, look, drafts, size)
     boxes = {name: _boxed(draft, size) for name, draft in drafts.items()}
     edges = tuple(_edges(part, boxes, tops, bottoms, size))

@@ -27,8 +27,8 @@ _PIXELS: Final = 2
 """Pixels of a PNG for one of the 96 pixels of an inch."""
 _CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
 """The creation time of a PDF."""
-_PAGE: Final = 12.0
-"""The size of text on a page, in pixels."""
+_PAGE, _SPARE = 12.0, 8.0
+"""The size of text on a page, and the additional gap between boxes, in pixels."""
 _CLASSES: Final[Mapping[Role, str]] = {Role.PLAIN: "", Role.BOLD: "name", Role.EVENT: "event", Role.GUARD: "guard"}
 
 _LIGHT: Final = {
@@ -87,7 +87,7 @@ def svg_text(tree: RVAFT, *, badges: bool = False) -> str:
     (3, True)
     """
     look = CROWDED if sum(tree.nodes[name].leaf for name in tree.order) > MANY else SCREEN
-    placed = place(tree, look, size=_PAGE, badges=badges)
+    placed = place(tree, look, size=_PAGE, spare=_SPARE, badges=badges)
     size = f'viewBox="0 0 {placed.width:g} {placed.height:g}" width="{placed.width:g}" height="{placed.height:g}"'
     title = escape(visible(f"The tree {tree.root}"))
     drawn = "".join(_drawn(tree, placed, look, badges=badges, ids=False))

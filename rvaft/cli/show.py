@@ -46,7 +46,7 @@ _EVENTS: Final = "Show runtime events and guards below labels; by default only i
 )
 @options.semantics_option
 @options.flag("--legend", help="Add a legend of the symbols.")
-@options.flag("--stagger", help="Place every other leaf of a gate lower, for a narrower tree.")
+@options.flag("--stagger", help="Place some leaves a level lower, for a narrower tree.")
 @options.flag("--boxes", help="Draw gates as text in boxes instead of the symbols of fault trees.")
 @options.output_option
 def show_command(*, tree: str, form: Format | None, output: str | None, highlight: tuple[str, ...], **look: Any) -> int:

@@ -121,7 +121,7 @@ class Look:
 
     `collapse` names nodes whose children are hidden; `depth` is the number of levels below the
     root. `events` shows runtime events and guards, `names` the names of labelled nodes; `wrap` is
-    in columns. `stagger` draws every other leaf of a gate one level lower, for a narrower tree.
+    in columns. `stagger` draws some leaves one level lower, for a narrower tree.
     `symbols` draws the symbols of fault trees below the boxes; without, gates are texts.
     """
 

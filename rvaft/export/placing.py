@@ -6,7 +6,6 @@ gate. An edge ends at the middle of a box; it passes between the boxes of the le
 crosses. The y axis points down.
 """
 
-import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -368,15 +367,18 @@ def _lowered(part: View, drafts: Mapping[str, _Draft], size: float) -> Collectio
     def width() -> float:
         return _across(part, _levels(part, frozenset().union(*chosen.values()), drafts), drafts, size)[0]
 
-    for name in list(chosen)[:_TRIED]:
-        best = math.inf
+    tried = list(chosen)[:_TRIED]
+    for name in tried:
+        widths = []
         for choice in choices[name]:
-            before, chosen[name] = chosen[name], choice
-            tried = width()
-            if tried < best:
-                best = tried
-            else:
-                chosen[name] = before
+            chosen[name] = choice
+            widths.append(width())
+        chosen[name] = choices[name][widths.index(min(widths))]
+    least = width()
+    for name in tried:  # siblings stay at one height where that costs nothing
+        kept, chosen[name] = chosen[name], frozenset()
+        if width() > least:
+            chosen[name] = kept
     return frozenset().union(*chosen.values())
 
 

@@ -6,8 +6,10 @@ gate. An edge ends at the middle of a box; it passes between the boxes of the le
 crosses. The y axis points down.
 """
 
+import math
+from bisect import bisect
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias, assert_never
 
@@ -38,8 +40,8 @@ _CROSSING, _MOST = 0.5, 2.0
 """Additional gap above a level for each edge from another node than that above, and the most."""
 _BADGE: Final = 12
 """Columns of a badge, such as `20×, event 7316`, which is set smaller."""
-_TRIED, _FEW = 40, 4
-"""The numbers of gates for which a staggered layout tries several arrangements, and of single leaves."""
+_WORK, _FEW = 8_000, 4
+"""A staggered layout tries several arrangements of this many nodes together; of single leaves, so many."""
 _SAMPLE: Final = 5.2
 """Width of the column of samples in a legend."""
 _EMS: Final[Mapping[str, float]] = {
@@ -367,7 +369,7 @@ def _lowered(part: View, drafts: Mapping[str, _Draft], size: float) -> Collectio
     def width() -> float:
         return _across(part, _levels(part, frozenset().union(*chosen.values()), drafts), drafts, size)[0]
 
-    tried = list(chosen)[:_TRIED]
+    tried = list(chosen)[: _WORK // len(part.nodes)]
     for name in tried:
         widths = []
         for choice in choices[name]:
@@ -487,6 +489,7 @@ def _edges(
     for box in boxes.values():
         across = max(box.width, box.symbol.width if box.symbol is not None else 0.0) / 2
         taken[box.level].append((box.x - across, box.x + across))
+    gaps = [_gaps(level, size) for level in taken]
     numbers: list[Text] = []
     for node in part.nodes:
         above = boxes[node.name]
@@ -496,7 +499,7 @@ def _edges(
             came = x
             for level in range(above.level + 1, below.level + 1):
                 wanted = x + (below.x - x) / (below.level - level + 1)
-                beside = below.x if level == below.level else _free(taken[level], wanted, below.x, size)
+                beside = below.x if level == below.level else _free(gaps[level], wanted, below.x)
                 bend = (bottoms[level - 1] + tops[level]) / 2
                 path.append(("C", (x, bend, beside, bend, beside, tops[level])))
                 came, x = x, beside
@@ -524,12 +527,24 @@ def _numbered(text: str, ends: tuple[float, float, float, float], others: Sequen
     return next(free, places[0])
 
 
-def _free(taken: Sequence[tuple[float, float]], wanted: float, target: float, size: float) -> float:
-    """Return the place between the boxes of a level that is nearest to the wanted one."""
-    room = _ACROSS * size / 2 - 0.1
-    ends = [target, wanted, *(first - room for first, _ in taken), *(last + room for _, last in taken)]
-    fits = [one for one in ends if all(last + room <= one + 0.1 or one - 0.1 <= first - room for first, last in taken)]
-    return target if target in fits else min(fits, key=lambda one: abs(one - wanted) + abs(one - target) / 2)
+def _gaps(taken: Iterable[tuple[float, float]], size: float) -> list[tuple[float, float]]:
+    """Return where an edge may pass the boxes of a level, from left to right."""
+    room, end, gaps = _ACROSS * size / 2 - 0.1, -math.inf, []
+    for first, last in sorted(taken):
+        if end <= first - room:
+            gaps.append((end, first - room))
+        end = max(end, last + room)
+    return [*gaps, (end, math.inf)]
+
+
+def _free(gaps: Sequence[tuple[float, float]], wanted: float, target: float) -> float:
+    """Return the target if it is in a gap, else the place in a gap that is nearest to the wanted one."""
+    after = bisect(gaps, (target, math.inf))
+    if after and target <= gaps[after - 1][1]:
+        return target
+    after = bisect(gaps, (wanted, math.inf))
+    near = [min(max(wanted, first), last) for first, last in gaps[max(0, after - 1) : after + 1]]
+    return min(near, key=lambda one: abs(one - wanted))
 
 
 def _foot(part: View, look: Look, bottom: float, size: float) -> tuple[tuple[Text, ...], tuple[Sample, ...], float]:

@@ -9,13 +9,15 @@ from dataclasses import asdict, dataclass
 from enum import StrEnum
 from importlib.metadata import version
 from itertools import groupby
-from typing import Final
+from typing import Final, cast
 from xml.etree import ElementTree as ET
 
 from rvaft.errors import NotExpressible, RvaftError, TooLarge, ToolMissing, ToolTimeout
 from rvaft.model.nodes import Kind
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
+from rvaft.reports.notebook import table_html
+from rvaft.support.plugins import display
 from rvaft.support.terminal import columns, spreadsheet_cell, visible
 
 
@@ -153,6 +155,9 @@ class Result:
     detections_only: bool = False
     outside: Difference | None = None
 
+    def _repr_html_(self) -> str:
+        return cast("str", display("comparison")(self))
+
     @property
     def text(self) -> str:
         """The result in one line."""
@@ -184,6 +189,13 @@ class Result:
     def ending(self) -> str:
         """`ok` if the participant gave verdicts to the end, else its status."""
         return "ok" if self.status in _RAN else str(self.status)
+
+
+def result_html(result: Result) -> str:
+    """Return a result as a table for a notebook."""
+    job, compared = result.job, f"{result.verdicts:,}"
+    row = [job.title, job.semantics, result.participant, result.text, compared]
+    return table_html(["tree", "semantics", "participant", "result", "verdicts"], [row])
 
 
 def exit_status(results: Iterable[Result], *, failing: Collection[Status] = (), vacuous: bool = False) -> int:

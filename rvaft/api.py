@@ -243,7 +243,7 @@ def to_dot(
 
     `events` shows runtime events and guards, `names` the names of labelled nodes. `wrap` is the
     width of texts in columns. `depth` and `collapse` hide nodes below a level or a node. `branch`
-    marks a branch, `legend` explains the symbols, `stagger` lowers every other leaf of a gate.
+    marks a branch, `legend` explains the symbols, `stagger` lowers some leaves.
     Raises `OptionError`, `TreeError` and `WrongType`.
 
     >>> to_dot(loads("top or a b;")).startswith("digraph")

@@ -15,7 +15,7 @@ from functools import cache
 from importlib.util import find_spec
 from itertools import count
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, cast, final
 
 from rvaft.capabilities import Capabilities, Capability, Feature, Ties, Value, check, extended
 from rvaft.core.passes import Pass, decide_constants
@@ -41,7 +41,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Monitor
-from rvaft.support.plugins import entry_points
+from rvaft.support.plugins import display, entry_points
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
@@ -104,6 +104,9 @@ class Specification:
         if self.reader is None:
             raise OptionError(f"{self.language} is only emitted: rvaft cannot run its texts")
         return self.reader(self.text)
+
+    def _repr_html_(self) -> str:
+        return cast("str", display("specification")(self))
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Final, NamedTuple, Self, TypeAlias, TypeVar
+from typing import Final, NamedTuple, Self, TypeAlias, TypeVar, cast
 
 from rvaft.errors import RvaftError, TooLarge, TraceError
 from rvaft.model.event_time import duration_text
@@ -13,6 +13,7 @@ from rvaft.model.nodes import Kind, Side
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, as_json
 from rvaft.model.verdict import Verdict
+from rvaft.support.plugins import display
 
 
 class MatchedEvent(NamedTuple):
@@ -94,6 +95,9 @@ class Explanation:
         for match in self.matched:
             found.setdefault(match.node, []).append(match.event)
         return found
+
+    def _repr_html_(self) -> str:
+        return cast("str", display("explanation")(self))
 
     def bound(self, tree: RVAFT) -> dict[str, Json]:
         """Return the variables with their values, in the order of a tree.

@@ -18,7 +18,7 @@ FORMS: Final = (Format.PDF, Format.PNG)
 
 
 def figures(trees: Path) -> Iterator[tuple[str, bytes]]:
-    """Yield the name and content of each file; raises `ToolMissing` without Graphviz, `ToolFailed`,
+    """Yield the name and content of each file; raises `ToolMissing` without CairoSVG, and
     `OSError`.
     """
     for name, (file, look) in FIGURES.items():

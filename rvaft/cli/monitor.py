@@ -1,6 +1,5 @@
 """`rvaft monitor`: watch events for a tree and give verdicts."""
 
-import shutil
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -17,8 +16,8 @@ from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.engine.monitor import Engine, repeating_engine
-from rvaft.errors import NotExpressible, TooLarge, ToolMissing
-from rvaft.export import PICTURES
+from rvaft.errors import NotExpressible, TooLarge
+from rvaft.export import PICTURES, format_of
 from rvaft.model.event_time import duration_text
 from rvaft.model.expressions import on_text
 from rvaft.model.nodes import Kind
@@ -485,8 +484,11 @@ def _check(given: dict[str, Any]) -> None:
     refuse(form == "table" and given["key"], "--format table is for whole traces, not for --key")
     why = "--detections needs --format jsonl: text output already has only changes of the verdict"
     refuse(given["detections"] and form != "jsonl", why)
-    if PurePath(explain or "").suffix.lower().removeprefix(".") in PICTURES and shutil.which("dot") is None:
-        raise ToolMissing("dot", remedy="install Graphviz (apt-get install graphviz), or name a file .dot or .txt")
+    drawing = format_of(explain or "")
+    if drawing is not None and drawing in PICTURES:
+        from rvaft.export.svg import require_pictures  # noqa: PLC0415 -- imported on use
+
+        require_pictures(drawing)
 
 
 def require_companions(given: Mapping[str, Any]) -> None:

@@ -20,7 +20,7 @@ from rvaft.cli import FAILED, FOUND
 from rvaft.cli.alerts import ALL_REPORTERS
 from rvaft.cli.monitor_output import WIDE, MonitorSettings, Reporter, Sink, SummaryRow, finish_together, read_afresh
 from rvaft.errors import OptionError, RvaftError, TooLarge, TraceError
-from rvaft.export import PICTURES
+from rvaft.export import PICTURES, Format
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.monitors import LIVE, Explanation
@@ -186,11 +186,11 @@ class _OnDetection(Listener):
 
 def _drawing(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], form: str) -> bytes:
     """Return a detection as a file of this format."""
-    from rvaft.export.dot import picture  # noqa: PLC0415 -- imported on use
-    from rvaft.export.drawing import fired_dot, fired_text  # noqa: PLC0415
+    from rvaft.export.drawing import fired_dot, fired_picture, fired_text  # noqa: PLC0415 -- imported on use
 
-    text = (fired_text if form == "txt" else fired_dot)(tree, explanation, events)
-    return picture(text, form) if form in PICTURES else text.encode()
+    if form in PICTURES:
+        return fired_picture(tree, explanation, events, Format(form))
+    return (fired_text if form == "txt" else fired_dot)(tree, explanation, events).encode()
 
 
 class _WatchedTree:

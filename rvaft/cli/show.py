@@ -29,7 +29,7 @@ from rvaft.support.files import deliver
 from rvaft.support.terminal import visible
 from rvaft.support.wording import counted
 
-_FORMAT: Final = "Output format; by default that of FILE's suffix, else tree. svg, pdf and png need Graphviz."
+_FORMAT: Final = "Output format; by default that of FILE's suffix, else tree. pdf and png need cairosvg."
 _EVENTS: Final = "Show runtime events and guards below labels; by default only in the terminal."
 
 
@@ -46,17 +46,18 @@ _EVENTS: Final = "Show runtime events and guards below labels; by default only i
 )
 @options.semantics_option
 @options.flag("--legend", help="Add a legend of the symbols.")
-@options.flag("--stagger", help="Place every other leaf of a gate lower, for a narrower tree (Graphviz only).")
+@options.flag("--stagger", help="Place some leaves a level lower, for a narrower tree.")
+@options.flag("--boxes", help="Draw gates as text in boxes instead of the symbols of fault trees.")
 @options.output_option
 def show_command(*, tree: str, form: Format | None, output: str | None, highlight: tuple[str, ...], **look: Any) -> int:
     """Draw a tree, or write it in another format. Use - as TREE for standard input."""
     chosen, semantics = form or _suggested(output), look.pop("semantics")
     given = {name: value for name, value in {**look, "highlight": highlight}.items() if value not in (None, ())}
-    everywhere, in_boxes = ("events", "depth", "collapse", "highlight"), ("names", "wrap", "legend", "stagger")
+    everywhere, in_boxes = ("events", "depth", "collapse", "highlight"), ("names", "wrap", "legend", "stagger", "boxes")
     for useless, refused, why in (
         (not chosen.drawing, everywhere + in_boxes, "which writes the whole tree"),
         (chosen is Format.TREE, in_boxes, "which has no boxes"),
-        (chosen is Format.TIKZ, ("stagger",), "which forest lays out"),
+        (chosen is Format.DOT, ("boxes",), "which has no symbols"),
     ):
         names = [f"--no-{name}" if given[name] is False else f"--{name}" for name in refused if name in given]
         options.refuse(useless and names, f"{' and '.join(names)}: not for the format {chosen}, {why}")
@@ -68,6 +69,7 @@ def show_command(*, tree: str, form: Format | None, output: str | None, highligh
     )
     loaded = options.read_tree(tree)
     given["marks"] = _highlighted(loaded, given.pop("highlight")[0], semantics) if highlight else None
+    given["symbols"] = not given.pop("boxes", False)
     deliver(draw(loaded, chosen, Look(**{"events": chosen is Format.TREE, **given})), output)
     if chosen is Format.GALILEO:
         for loss in losses(loaded):

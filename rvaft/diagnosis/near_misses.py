@@ -8,7 +8,7 @@ import json
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, pairwise
-from typing import Final, assert_never
+from typing import Final, assert_never, cast
 
 from rvaft.core.restriction import property_of
 from rvaft.diagnosis.relaxation import Lack, Relaxation, relaxations, with_count, without_events
@@ -27,6 +27,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_LIMIT, Explanation, Repetition
 from rvaft.rules.validity import valid_part
 from rvaft.stream.detection import places
+from rvaft.support.plugins import display
 from rvaft.support.wording import listing
 
 EVENTS: Final = 10_000
@@ -95,6 +96,9 @@ class NearMisses:
 
     found: tuple[NearMiss, ...]
     skipped: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        return cast("str", display("near_misses")(self))
 
 
 def near_misses(

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import replace
 from html import escape
 from typing import Final
 from urllib.parse import quote
@@ -19,16 +20,14 @@ from rvaft.export.layout import (
     Look,
     Role,
     Sign,
-    View,
     gate_text,
     is_condition,
-    legend,
     node_line,
     rows,
     turn,
-    view,
     wrapped,
 )
+from rvaft.export.placing import Placing, place, text_width
 from rvaft.model.nodes import Gate, Kind, Node
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
@@ -42,24 +41,15 @@ _CREATED: Final = re.compile(rb"/CreationDate \(D:\d{14}")
 """The creation time of a PDF."""
 
 SIZE: Final = 10
-"""The size of text, in points."""
+"""The size of text, in points: that of `placing`, as a whole number."""
 _FILL: Final = {Kind.FAULT: "#fbb659", Kind.ATTACK: "#ee7872", None: "#ffffff"}
 _CODE: Final = {Role.EVENT: "#17406d", Role.GUARD: "#6d2a17"}
 _GATE, _PALE, _GREY, _BLACK = "#e8eef7", "#f6f6f6", "#b8b8b8", "#000000"
 _FOLDED: Final = "shape=triangle, margin=0, fixedsize=true, {}height=0.44"
 """The transfer symbol of fault trees."""
 _BOLD: Final = "penwidth=2.5"
-_OUTLINES: Final[Mapping[Gate, str]] = {
-    Gate.OR: "shape=house, height=0.34",
-    Gate.AND: 'shape=box, style="filled,rounded", height=0.28',
-    Gate.SAND: "shape=house, orientation=270, height=0.22",
-    Gate.SAND_RL: "shape=house, orientation=90, height=0.22",
-    Gate.PAND: 'shape=house, orientation=270, height=0.22, style="filled,rounded"',
-    Gate.VOT: "shape=hexagon, height=0.28",
-}
-"""Pointed roof for OR, round for AND, signpost for SAND, round signpost for PAND, hexagon for a
-vote.
-"""
+_PILL: Final = 'style="filled,rounded", height=0.22, margin="0.06,0.01"'
+"""A gate is a small box: Graphviz has none of the symbols of fault trees."""
 _SAMPLES: Final[Mapping[Sign | Gate, str]] = {
     Sign.FAULT: f'fillcolor="{_FILL[Kind.FAULT]}"',
     Sign.ATTACK: f'fillcolor="{_FILL[Kind.ATTACK]}"',
@@ -67,9 +57,8 @@ _SAMPLES: Final[Mapping[Sign | Gate, str]] = {
     **dict.fromkeys([Sign.FOLDED, Sign.FOLDED_SHARED], f'{_FOLDED.format("")}, fillcolor="{_GATE}"'),
     Sign.ORDER: "shape=plaintext, style=solid",
     Sign.MARKED: f'fillcolor="#ffffff", {_BOLD}',
-    **{gate: f'{outline}, fillcolor="{_GATE}", margin="0.06,0.01"' for gate, outline in _OUTLINES.items()},
+    **dict.fromkeys(Gate, f'{_PILL}, fillcolor="{_GATE}"'),
 }
-assert set(_OUTLINES) == set(Gate), "every gate has an outline"
 
 
 def html(text: str, width: int) -> str:
@@ -118,22 +107,14 @@ def picture(dot: str, form: str, *, timeout: float = 300.0) -> bytes:
     return _CREATED.sub(b"/CreationDate (D:19700101000000", done.stdout) if form == "pdf" else done.stdout
 
 
-def notebook_svg(tree: RVAFT) -> str | None:
-    """Return a picture of a tree for a notebook; None without Graphviz."""
-    try:
-        return picture(dot_text(tree), "svg", timeout=20).decode()
-    except (ToolMissing, ToolFailed):
-        return None
-
-
 def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
     """Return the tree in the DOT language; node identifiers contain the top-down number of the
     node.
 
     With marks, marked parts are bold and the rest grey. Raises `OptionError`.
     """
-    part = view(tree, look)
-    number = {name: index for index, name in enumerate(tree.order)}
+    placed = place(tree, replace(look, symbols=False))
+    part, number = placed.view, tree.rank
     lines = [
         'graph [margin=0, ordering=out, ranksep=0.25, nodesep=0.1, charset="UTF-8"];',
         (
@@ -143,9 +124,9 @@ def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
         f'edge [dir=none, color="#444444", fontname="Helvetica", fontsize={SIZE}];',
     ]
     for node in part.nodes:
-        lines += _box(node, tree, look, part, number)
+        lines += _box(node, look, placed, number)
     if look.legend:
-        lines += _legend(look, part, number)
+        lines += _legend(look, placed, number)
     if look.marks is not None and look.marks.below:
         below = table(
             (html(line, 3 * look.wrap) for line in look.marks.below), space=3, cell='align="left" balign="left"'
@@ -154,8 +135,13 @@ def dot_text(tree: RVAFT, look: Look = PLAIN) -> str:
     return "\n".join([f"digraph {title(tree.root)} {{", *(f"  {line}" for line in lines), "}", ""])
 
 
-def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, int]) -> Iterator[str]:
-    own, marks = number[node.name], look.marks
+def _pos(placed: Placing, x: float, y: float) -> str:
+    """Return a position for `neato -n`, whose y axis points up."""
+    return f'pos="{x:.1f},{placed.height - y:.1f}!"'
+
+
+def _box(node: Node, look: Look, placed: Placing, number: Mapping[str, int]) -> Iterator[str]:
+    own, marks, part, box = number[node.name], look.marks, placed.view, placed.boxes[node.name]
     faint = marks is not None and node.name not in marks.kept
     bold = "" if marks is None else f', color="{_GREY}", fontcolor="{_GREY}"' if faint else f", {_BOLD}"
 
@@ -170,25 +156,29 @@ def _box(node: Node, tree: RVAFT, look: Look, part: View, number: Mapping[str, i
     kind = f'class="{kinds}", ' if kinds else ""
     known = f'id="node-{name}", {kind}tooltip={title(f"{node.name}  {node_line(node)}".rstrip())}'
     fill, style = _PALE if faint else _FILL[node.kind], "filled,dashed" if is_condition(node) else "filled"
-    yield f'n{own} [label=<{label}>, fillcolor="{fill}", style="{style}"{bold}, {known}];'
-    if node.gate is None:
+    yield (
+        f'n{own} [label=<{label}>, fillcolor="{fill}", style="{style}"{bold}, {known}, '
+        f"{_pos(placed, box.x, box.y + box.height / 2)}];"
+    )
+    if node.gate is None or box.symbol is None:
         return
+    at = _pos(placed, box.x, box.symbol.y + box.symbol.height / 2)
     fill, known = _PALE if faint else _GATE, f'id="gate-{name}", class="{node.gate.value}"'
     stem = ", ".join(filter(None, ["weight=8", line(marked=not faint)]))
     hidden = part.folded.get(node.name)
     if hidden is not None:
         outline = f'{_FOLDED.format("width=0.6, ")}, fillcolor="{fill}"'
-        yield f"t{own} [label=<{f'+{hidden}' if hidden else '…'}>, {outline}{bold}, {known}];"
+        yield f"t{own} [label=<{f'+{hidden}' if hidden else '…'}>, {outline}{bold}, {known}, {at}];"
         yield f"n{own} -> t{own} [{stem}];"
         return
-    outline = f'{_OUTLINES[node.gate]}, fillcolor="{fill}", margin="0.06,0.01"'
-    yield f"g{own} [label=<{html(gate_text(node), look.wrap)}>, {outline}{bold}, {known}];"
+    outline = f'{_PILL}, fillcolor="{fill}"'
+    yield f"g{own} [label=<{html(gate_text(node), look.wrap)}>, {outline}{bold}, {known}, {at}];"
     yield f"n{own} -> g{own} [{stem}];"
-    for place, child in enumerate(node.children):
+    for position, child in enumerate(node.children):
         looks = [
             line(marked=marks is not None and marks.edge(node.name, child)),
-            "minlen=2" if look.stagger and place % 2 and tree.nodes[child].leaf else "",
-            f"label=<{turn(node, place)}>" if node.name in part.numbered else "",
+            "minlen=2" if look.stagger and placed.boxes[child].level > box.level + 1 else "",
+            f"label=<{turn(node, position)}>" if node.name in part.numbered else "",
         ]
         shown = ", ".join(filter(None, looks))
         yield f"g{own} -> n{number[child]}{f' [{shown}]' if shown else ''};"
@@ -202,23 +192,17 @@ def _set(role: Role, lines: list[str], kind: Kind | None, *, faint: bool) -> str
     return f"<b>{text}</b>" if role is Role.BOLD else text
 
 
-def _legend(look: Look, part: View, number: Mapping[str, int]) -> Iterator[str]:
-    places = {part.nodes[0].name: (0, 0.0, 1.0)}  # level, left edge and share of the width
-    for node in part.nodes:
-        level, left, width = places[node.name]
-        children = part.children(node)
-        for index, child in enumerate(children):
-            below = level + 1 + (look.stagger and index % 2)
-            if child not in places or places[child][0] < below:
-                places[child] = (below, left + width * index / len(children), width / len(children))
-    deepest = max(part.nodes, key=lambda node: places[node.name][0] + (node.name in part.folded))
-    _, left, width = places[deepest.name]
-    above = f"{'t' if deepest.name in part.folded else 'n'}{number[deepest.name]}"
-    yield "e0 [shape=point, style=invis, width=0];"
-    yield f"{above} -> {'l0' if left + width / 2 < 0.5 else 'e0'} [style=invis, weight=0];"
-    for place, (sign, sample, meaning) in enumerate(legend(part, look.marks, graph=True)):
-        yield f"l{place} [label=<{html(sample, 2 * SIZE)}>, {_SAMPLES[sign]}, width=1.05];"
-        yield f"m{place} [label=<{html(meaning, 3 * look.wrap)}>, shape=plain, style=solid];"
-        yield f"{{ rank=same; l{place} -> m{place}{'' if place else ' -> e0'} [style=invis]; }}"
-        if place:
-            yield f"l{place - 1} -> l{place} [style=invis, weight=9];"
+def _legend(look: Look, placed: Placing, number: Mapping[str, int]) -> Iterator[str]:
+    deepest = max(placed.boxes.values(), key=lambda box: box.level + (box.node.name in placed.view.folded))
+    above = f"{'t' if deepest.node.name in placed.view.folded else 'n'}{number[deepest.node.name]}"
+    yield f"e0 [shape=point, style=invis, width=0, {_pos(placed, placed.width, placed.height)}];"
+    yield f"{above} -> {'l0' if deepest.x < placed.width / 2 else 'e0'} [style=invis, weight=0];"
+    for row, sample in enumerate(placed.samples):
+        symbol, meaning = sample.symbol, sample.meaning
+        at = _pos(placed, symbol.x, symbol.y + symbol.height / 2)
+        yield f"l{row} [label=<{html(symbol.text, 2 * SIZE)}>, {_SAMPLES[sample.sign]}, width=1.05, {at}];"
+        at = _pos(placed, meaning.x + text_width(meaning.text) * SIZE / 2, symbol.y + symbol.height / 2)
+        yield f"m{row} [label=<{html(meaning.text, 3 * look.wrap)}>, shape=plain, style=solid, {at}];"
+        yield f"{{ rank=same; l{row} -> m{row}{'' if row else ' -> e0'} [style=invis]; }}"
+        if row:
+            yield f"l{row - 1} -> l{row} [style=invis, weight=9];"

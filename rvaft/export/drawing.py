@@ -5,9 +5,10 @@ from typing import Final
 
 from rvaft.core.restriction import whole
 from rvaft.export import PICTURES, WRITTEN, Format
-from rvaft.export.dot import dot_text, picture
+from rvaft.export.dot import dot_text
 from rvaft.export.galileo_text import galileo_text
 from rvaft.export.layout import PLAIN, TERMINAL, Look, marks
+from rvaft.export.svg import rendered, svg_document
 from rvaft.export.text import tree_text
 from rvaft.export.tikz import tikz_text
 from rvaft.export.tree_json import json_text
@@ -34,11 +35,11 @@ def draw(tree: RVAFT, form: Format, look: Look | None = None) -> bytes:
     """Return the tree in that format; formats that are not drawings ignore the look.
 
     By default the terminal shows runtime events and guards, pictures do not. Raises `ToolMissing`
-    and `ToolFailed` for pictures, and `OptionError`.
+    for PDF and PNG, and `OptionError`.
     """
     chosen = look if look is not None else TERMINAL if form is Format.TREE else PLAIN
     if form in PICTURES:
-        return picture(dot_text(tree, chosen), form.value)
+        return rendered(svg_document(tree, chosen), form)
     text = _DRAWN[form](tree, chosen) if form in _DRAWN else _WRITTEN[form](tree)
     return text.encode("utf-8", errors="replace")
 
@@ -66,6 +67,14 @@ def fired_text(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]
 
 def fired_dot(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> str:
     """Return a detection in the DOT language: matches bold, the rest grey."""
-    tree = whole(tree)
+    return dot_text(whole(tree), _fired(tree, explanation, events))
+
+
+def fired_picture(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json], form: Format) -> bytes:
+    """Return a detection as `svg`, `pdf` or `png`; raises `ToolMissing`."""
+    return rendered(svg_document(whole(tree), _fired(tree, explanation, events)), form)
+
+
+def _fired(tree: RVAFT, explanation: Explanation, events: Mapping[int, Json]) -> Look:
     wide = 26  # for long values, on a screen
-    return dot_text(tree, Look(events=True, wrap=wide, marks=marks(tree, explanation, events)))
+    return Look(events=True, wrap=wide, marks=marks(whole(tree), explanation, events))

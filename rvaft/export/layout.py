@@ -1,6 +1,6 @@
 """The contents of a drawing in every format: the nodes, the rows of their boxes, marks and legend.
 
-The renderers `text`, `dot` and `tikz` escape the texts.
+The renderers `text`, `svg`, `dot` and `tikz` escape the texts.
 """
 
 import json
@@ -121,8 +121,8 @@ class Look:
 
     `collapse` names nodes whose children are hidden; `depth` is the number of levels below the
     root. `events` shows runtime events and guards, `names` the names of labelled nodes; `wrap` is
-    in columns. `stagger` draws every other leaf of a gate one level lower (Graphviz), for a
-    narrower tree.
+    in columns. `stagger` draws some leaves one level lower, for a narrower tree.
+    `symbols` draws the symbols of fault trees below the boxes; without, gates are texts.
     """
 
     events: bool = False
@@ -133,6 +133,7 @@ class Look:
     marks: Marks | None = None
     legend: bool = False
     stagger: bool = False
+    symbols: bool = True
 
 
 PLAIN: Final = Look()
@@ -281,30 +282,27 @@ class Sign(Enum):
 
     FAULT = "fault", "caused by a fault"
     ATTACK = "attack", "caused by an attack"
+    EVENT = "", "an event"
     CONDITION = "condition", "holds, without an event"
     FOLDED = "+n", "n nodes not drawn"
     FOLDED_SHARED = "…", "nodes drawn elsewhere"
-    AGAIN = "name", "drawn in full elsewhere"
     ORDER = "1, 2", "the order of children"
     MARKED = "bold", ""
 
 
-def legend(view: View, marks: Marks | None, *, graph: bool) -> Iterator[tuple[Sign | Gate, str, str]]:
-    """Yield the constructs in a drawing: sign, sample and meaning.
-
-    A `graph` draws a shared node once and numbers ordered children; other formats repeat it.
-    """
+def legend(view: View, marks: Marks | None, *, symbols: bool) -> Iterator[tuple[Sign | Gate, str, str]]:
+    """Yield the constructs in a drawing: sign, sample and meaning; `symbols` are those of leaves."""
     kinds = {node.kind for node in view.nodes}
     gates = {node.gate for node in view.nodes if view.children(node)}
     there: dict[Sign | Gate, bool] = {
         Sign.FAULT: Kind.FAULT in kinds,
         Sign.ATTACK: Kind.ATTACK in kinds,
+        Sign.EVENT: symbols and any(node.leaf and not is_condition(node) for node in view.nodes),
         Sign.CONDITION: any(map(is_condition, view.nodes)),
         **{gate: gate in gates for gate in Gate},
         Sign.FOLDED: any(view.folded.values()),
         Sign.FOLDED_SHARED: not all(view.folded.values()),
-        Sign.AGAIN: bool(view.shared) and not graph,
-        Sign.ORDER: bool(view.numbered) and graph,
+        Sign.ORDER: bool(view.numbered),
         Sign.MARKED: marks is not None,
     }
     for sign in (one for one, shown in there.items() if shown):

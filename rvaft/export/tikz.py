@@ -1,142 +1,126 @@
-"""A tree as a LaTeX document with the package `forest`; a shared node is repeated as a small grey
-box.
-"""
+"""A tree as a LaTeX document with TikZ, at the positions of `placing`."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Final
 
-from rvaft.export import latex
-from rvaft.export.layout import PLAIN, Look, Role, Sign, View, gate_text, is_condition, legend, rows, view
-from rvaft.model.nodes import Gate, Kind
+from rvaft.export.latex import escaped
+from rvaft.export.layout import PLAIN, Look, Role, Sign, is_condition
+from rvaft.export.placing import Box, Placing, Step, Symbol, Text, place
+from rvaft.model.nodes import Gate
 from rvaft.model.tree import RVAFT
 
-_OURS = str.maketrans({"[": "{[}", "]": "{]}", "*": "{*}"})
-"""Characters with a meaning in `forest`."""
-_BREAK: Final = r"\\"
 _FORMS: Final = {
     Role.PLAIN: "{}",
     Role.BOLD: r"\textbf{{{}}}",
     Role.EVENT: r"\textit{{{}}}",
     Role.GUARD: r"\textit{{{}}}",
 }
-_FILL: Final = {Kind.FAULT: ", fault", Kind.ATTACK: ", attack", None: ""}
-_OUTLINES: Final[Mapping[Gate, str]] = {
-    Gate.OR: "signal, signal to=north, signal pointer angle=130",
-    Gate.AND: "rounded corners=4pt",
-    Gate.SAND: "signal, signal to=east",
-    Gate.SAND_RL: "signal, signal to=west",
-    Gate.PAND: "signal, signal to=east, rounded corners=2pt",
-    Gate.VOT: "signal, signal to=east and west",
-}
-assert set(_OUTLINES) == set(Gate), "every gate has an outline"
-_STYLES: Final[Mapping[Sign | Gate, str]] = {
+_ANCHORS: Final[Mapping[str, str]] = {"middle": "base", "start": "base west", "end": "base east"}
+_SAMPLES: Final[Mapping[Sign, str]] = {
     Sign.FAULT: "box, fault",
     Sign.ATTACK: "box, attack",
-    Sign.CONDITION: "box, condition",
-    Sign.FOLDED: "folded",
-    Sign.FOLDED_SHARED: "folded",
-    Sign.AGAIN: "again",
+    Sign.EVENT: "leaf",
+    Sign.CONDITION: "leaf, condition",
+    Sign.FOLDED: "gate",
+    Sign.FOLDED_SHARED: "gate",
+    Sign.ORDER: "",
     Sign.MARKED: "box, marked",
-    **{gate: f"{gate.replace('_', ' ')} gate" for gate in Gate},
 }
-_HEAD: Final = (
-    r"""\documentclass[tikz,border=4pt]{standalone}
+assert set(_SAMPLES) == set(Sign), "every sign of the legend has a style"
+_HEAD: Final = r"""\documentclass[tikz,border=2pt]{standalone}
 % Other scripts than Latin need LuaLaTeX or XeLaTeX and a font that has them: \setsansfont{...}[Ligatures=TeXOff].
 \usepackage{iftex}
 \ifPDFTeX\usepackage[T1]{fontenc}\IfFileExists{lmodern.sty}{\usepackage{lmodern}}{}\else\usepackage{fontspec}\fi
 \usepackage{textcomp}
-\usepackage{forest}
-\usetikzlibrary{shapes.geometric,shapes.symbols}
-% Styles of TikZ and not of forest: the legend below the tree has them, too.
-\tikzset{
-  box/.style={draw, align=center, font=\footnotesize\sffamily, inner sep=3pt},
-  gate/.style={draw, font=\scriptsize\sffamily, inner sep=2pt, fill=blue!8},
-"""
-    + "\n".join(f"  {_STYLES[gate]}/.style={{gate, {outline}}}," for gate, outline in _OUTLINES.items())
-    + r"""
-  folded/.style={gate, isosceles triangle, shape border rotate=90, isosceles triangle apex angle=90, inner sep=1pt},
+\begin{document}
+\begin{tikzpicture}[
+  x=1bp, y=-1bp,
+  line/.style={draw=black!75},
+  box/.style={draw=black!75, fill=white},
+  gate/.style={draw=black!75, fill=blue!8},
+  leaf/.style={gate},
   fault/.style={fill=orange!60},
   attack/.style={fill=red!50},
   condition/.style={dashed},
-  again/.style={draw=black!45, align=center, rounded corners=4pt, font=\scriptsize\sffamily, inner sep=3pt},
-  marked/.style={very thick},
-  unmarked/.style={draw=black!30, text=black!30, fill=black!3},
-}
-\begin{document}
-\begin{forest}
-  for tree={anchor=north, parent anchor=south, child anchor=north, l sep=11pt, s sep=6pt},
-"""
-)
-_TAIL: Final = r"""\end{forest}
+  marked/.style={draw=black, very thick},
+  unmarked/.style={draw=black!30, fill=black!3},
+  faint/.style={draw=black!30},
+  text of/.style={anchor=#1, inner sep=0pt, font=\fontsize{10}{12}\selectfont\sffamily},
+]"""
+_TAIL: Final = r"""\end{tikzpicture}
 \end{document}
 """
-_UNDER: Final = r"at ([yshift=-6pt]current bounding box.south west)"
 
 
 def tikz_text(tree: RVAFT, look: Look = PLAIN) -> str:
     """Return the document; raises `OptionError`."""
-    part = view(tree, look)
-    return "\n".join([_HEAD + "\n".join(_brackets(tree, look, part)), *_below(look, part), _TAIL])
+    placed = place(tree, look)
+    return "\n".join([_HEAD, *_drawn(placed, look), *_below(placed, look), _TAIL])
 
 
-def _brackets(tree: RVAFT, look: Look, part: View) -> Iterator[str]:
+def _drawn(placed: Placing, look: Look) -> Iterator[str]:
     marks = look.marks
-
-    def edge(*, marked: bool) -> str:
-        return "" if marks is None else ", edge={very thick}" if marked else ", edge={draw=black!30}"
-
-    drawn: set[str] = set()
-    agenda: list[tuple[str | None, str] | None] = [(None, tree.root)]
-    while agenda:
-        item = agenda.pop()
-        if item is None:
-            yield "]]"
-            continue
-        parent, name = item
-        node = tree.nodes[name]
-        led = marks is not None and marks.edge(parent, name)
-        if name in drawn:
-            faint = ", unmarked" if marks is not None and not led else ""
-            yield f"[{{{_set(*next(rows(node, look)))}}}, again{faint}{edge(marked=led)}]"
-            continue
-        drawn.add(name)
-        kept = marks is not None and name in marks.kept
-        mark = "" if marks is None else ", marked" if kept else ", unmarked"
-        styles = f"box{_FILL[node.kind]}{', condition' if is_condition(node) else ''}{mark}{edge(marked=led)}"
-        box = f"[{{{_BREAK.join(_set(*row) for row in rows(node, look))}}}, {styles}"
-        if node.gate is None:
-            yield f"{box}]"
-            continue
-        yield box
-        hidden = part.folded.get(name)
-        if hidden is not None:
-            count = f"+{hidden}" if hidden else r"\ldots"
-            yield f"[{{{count}}}, folded{mark}{edge(marked=kept)}]]"
-            continue
-        yield f"[{{{_flat(gate_text(node))}}}, {_STYLES[node.gate]}{mark}{edge(marked=kept)}"
-        agenda.append(None)
-        agenda.extend((name, child) for child in reversed(node.children))
+    for edge in placed.edges:
+        mark = "" if marks is None else ", marked" if marks.edge(edge.parent, edge.child) else ", faint"
+        yield _path(f"line{mark}", edge.path)
+        if edge.turn is not None:
+            yield _text(edge.turn)
+    for name, box in placed.boxes.items():
+        yield from _node(box, None if marks is None else name in marks.kept)
 
 
-def _below(look: Look, part: View) -> Iterator[str]:
-    for text in look.marks.below if look.marks is not None else ():
-        yield rf"\node[anchor=north west, font=\footnotesize\sffamily] {_UNDER} {{{_flat(text)}}};"
-    if look.legend and (signs := list(legend(part, look.marks, graph=False))):
-        yield rf"\matrix[anchor=north west, row sep=2pt, column sep=2pt, ampersand replacement=\&] {_UNDER} {{"
-        for sign, sample, meaning in signs:
-            label = rf"\node[anchor=base west, font=\footnotesize\sffamily] {{{_flat(meaning)}}};"
-            yield rf"\node[{_STYLES[sign]}, anchor=base] {{{_flat(sample)}}}; \& {label} \\"
-        yield "};"
+def _node(box: Box, marked: bool | None) -> Iterator[str]:
+    node, symbol = box.node, box.symbol
+    kind = f", {node.kind.value}" if node.kind else ""
+    mark = "" if marked is None else ", marked" if marked else ", unmarked"
+    dashed = ", condition" if is_condition(node) else ""
+    if symbol is not None:
+        stem: tuple[Step, ...] = (("M", (box.x, box.y + box.height)), ("L", (box.x, symbol.y)))
+        yield _path(f"line{mark.replace('unmarked', 'faint')}", stem)
+        yield from _symbol(symbol, f"leaf{kind}{dashed}{mark}" if node.leaf else f"gate{mark}", mark=mark)
+    yield _path(f"box{kind}{'' if symbol is not None else dashed}{mark}", box.outline())
+    for line in box.lines:
+        yield _text(line, faint=marked is False)
 
 
-def escaped(text: str) -> str:
-    """Return the text escaped for a node."""
-    return latex.escaped(text).translate(_OURS)
+def _symbol(symbol: Symbol, style: str, *, mark: str = "") -> Iterator[str]:
+    yield _path(style, symbol.outline())
+    if inside := symbol.inside():
+        yield _path(f"line{mark.replace('unmarked', 'faint')}", inside)
+    if symbol.text:
+        yield _text(Text(symbol.x, symbol.middle, symbol.text), faint=mark == ", unmarked")
 
 
-def _set(role: Role, lines: list[str]) -> str:
-    return _BREAK.join(_FORMS[role].format(escaped(line) or "~") for line in lines) or "~"
+def _path(style: str, path: Iterable[Step]) -> str:
+    steps = []
+    for letter, ends in path:
+        points = [f"({x:.1f},{y:.1f})" for x, y in zip(ends[::2], ends[1::2], strict=True)]
+        match letter:
+            case "M":
+                steps.append(points[0])
+            case "L":
+                steps.append(f"-- {points[0]}")
+            case "C":
+                steps.append(f".. controls {points[0]} and {points[1]} .. {points[2]}")
+            case _:
+                steps.append("-- cycle")
+    return rf"\path[{style}] {' '.join(steps)};"
 
 
-def _flat(text: str) -> str:
-    return " ".join(escaped(line) for line in text.splitlines())
+def _text(text: Text, *, faint: bool = False) -> str:
+    shown = _FORMS[text.role].format(escaped(text.text))
+    grey = ", text=black!40" if faint else ""
+    return rf"\node[text of={_ANCHORS[text.anchor]}{grey}] at ({text.x:.1f},{text.y:.1f}) {{{shown}}};"
+
+
+def _below(placed: Placing, look: Look) -> Iterator[str]:
+    for line in placed.below:
+        yield _text(line)
+    for sample in placed.samples:
+        sign, symbol = sample.sign, sample.symbol
+        style = "gate" if isinstance(sign, Gate) else _SAMPLES[sign]
+        if sample.drawn:
+            yield from _symbol(symbol, style.replace("leaf", "leaf" if look.symbols else "box"))
+        else:
+            yield _text(Text(symbol.x, symbol.middle, symbol.text))
+        yield _text(sample.meaning)

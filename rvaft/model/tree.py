@@ -280,8 +280,8 @@ class RVAFT:
         tree = self if self.part_of is None else self.part_of.tree
         return frozenset(clause.variables).difference(tree.variables)
 
-    def _repr_svg_(self) -> str | None:
-        return cast("str | None", display("tree")(self))
+    def _repr_svg_(self) -> str:
+        return cast("str", display("tree")(self))
 
     @cached_property
     def _identity(self) -> tuple[object, ...]:

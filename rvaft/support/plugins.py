@@ -23,6 +23,6 @@ def version() -> str:
 
 
 def display(name: str) -> Any:
-    """Return the function of a higher layer that displays a tree or a branch."""
+    """Return the function of a higher layer that displays a value of a lower one, such as a tree."""
     (found,) = entry_points(group="rvaft.displays", name=name)
     return found.load()

@@ -1,8 +1,8 @@
 """`rvaft monitor` on streams and on detection: growing files, order, checkpoints, commands, drawings."""
 
 import json
-import shutil
 import signal
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -188,15 +188,18 @@ def test_a_failing_command_is_reported_and_stops_nothing() -> None:
 @pytest.mark.parametrize(("name", "start"), [("a.dot", b"digraph"), ("a.svg", b"<?xml"), ("a.txt", "●".encode())])
 def test_a_detection_is_drawn_to_a_file(name: str, start: bytes, tmp_path: Path) -> None:
     target = tmp_path / name
-    if name == "a.svg":
-        result = run("monitor", PRUNED, ROW1, "--explain", target, env={"PATH": ""})
-        failed(result, "dot is not installed")  # before the logs are read
-        assert result.stdout == ""
-        if shutil.which("dot") is None:
-            pytest.skip("needs Graphviz")
     result = run("monitor", PRUNED, "--explain", target, ROW1)
     assert (result.exit_code, result.stderr, result.stdout) == (1, "", run("monitor", PRUNED, ROW1).stdout)
     assert target.read_bytes().startswith(start)
+
+
+def test_a_picture_that_cannot_be_made_is_refused_before_the_logs_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "cairosvg", None)
+    result = run("monitor", PRUNED, ROW1, "--explain", tmp_path / "a.pdf")
+    failed(result, "cairosvg is not installed: pip install '.[pictures]'")
+    assert result.stdout == ""
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -28,14 +28,25 @@ def test_every_format_of_text(form: Format) -> None:
     assert (result.exit_code, result.stdout_bytes) == (0, draw(load(PRUNED), form))
 
 
-@needs_graphviz
 @pytest.mark.parametrize(("form", "magic"), PICTURES.items())
 def test_every_format_of_pictures(form: Format, magic: bytes, tmp_path: Path) -> None:
-    target = tmp_path / f"tree.{form}"
-    for words in (["show", PRUNED], ["emit", SAND, "--to", "dot"]):
-        assert run(*words, "-o", target).output == ""
-        assert target.read_bytes().startswith(magic)
-    assert run("show", PRUNED, "--format", form).stdout_bytes.startswith(magic)
+    """Without Graphviz."""
+    if form is not Format.SVG:
+        pytest.importorskip("cairosvg")
+    target, boxes = tmp_path / f"tree.{form}", tmp_path / f"boxes.{form}"
+    assert run("show", PRUNED, "-o", target, env={"PATH": ""}).output == ""
+    assert run("show", PRUNED, "-o", boxes, "--boxes", env={"PATH": ""}).output == ""
+    assert target.read_bytes().startswith(magic)
+    assert boxes.read_bytes().startswith(magic)
+    assert boxes.read_bytes() != target.read_bytes()
+    assert run("show", PRUNED, "--format", form).stdout_bytes == target.read_bytes()
+
+
+@needs_graphviz
+@pytest.mark.parametrize(("form", "magic"), PICTURES.items())
+def test_an_automaton_as_a_picture(form: Format, magic: bytes, tmp_path: Path) -> None:
+    assert run("emit", SAND, "--to", "dot", "-o", tmp_path / f"a.{form}").output == ""
+    assert (tmp_path / f"a.{form}").read_bytes().startswith(magic)
 
 
 def test_the_format_follows_the_suffix_unless_it_is_named(tmp_path: Path) -> None:

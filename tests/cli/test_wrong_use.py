@@ -111,8 +111,9 @@ def test_an_output_that_cannot_be_written(writer: str, tmp_path: Path, monkeypat
     if Path("/dev/full").exists():
         failed(run(*WRITERS[writer], "-o", "/dev/full"), "/dev/full", "No space left")
     words = ["show", SAND] if writer == "show" else ["emit", SAND, "--to", "dot"]
-    picture = written(tmp_path / "a.svg", "old")
-    failed(run(*words, "-o", picture, env={"PATH": ""}), "dot is not installed: install Graphviz (apt-get install gr")
+    written(tmp_path / "a.svg", "old")
+    automaton = run("emit", SAND, "--to", "dot", "-o", tmp_path / "a.svg", env={"PATH": ""})
+    failed(automaton, "dot is not installed: install Graphviz (apt-get install gr")
 
     def refused(*_: object, **__: object) -> None:  # root may write everywhere, so the refusal is played
         raise PermissionError(13, "Permission denied", str(tmp_path))

@@ -1,6 +1,7 @@
 """The tree with the path marked on which it was detected."""
 
 import re
+from collections.abc import Callable
 from random import Random
 from typing import Any
 from xml.dom import minidom
@@ -11,9 +12,10 @@ import rvaft
 from rvaft import RVAFT, Explanation, Kind, TreeError, load, loads, to_dot
 from rvaft.core.restriction import restrict
 from rvaft.engine import Engine
+from rvaft.export import Format
 from rvaft.export.dot import picture
-from rvaft.export.drawing import fired_dot, fired_text
-from rvaft.export.layout import LONGEST
+from rvaft.export.drawing import draw, fired_dot, fired_picture, fired_text
+from rvaft.export.layout import LONGEST, Look
 from rvaft.export.text import MARK, MAX_LEVELS
 from rvaft.monitors import MatchedEvent
 from rvaft.readers.json_lines import read
@@ -21,7 +23,7 @@ from rvaft.semantics import branches, feasible_scenarios
 from rvaft.semantics.scenarios import of_branch
 from tests.engine.checking import matched_occurrences, small_and_valid
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
-from tests.export.geometry import measured, needs_dot, overlaps
+from tests.export.geometry import drawn, needs_dot, overlaps
 from tests.export.trees import AWKWARD, PINNED, awkward, chain
 
 ROBOT = load(PINNED / "robot.rvaft")
@@ -148,11 +150,18 @@ def test_no_value_of_an_event_can_steer_the_terminal() -> None:
     assert r"zero \x00, next line \x85" in text
 
 
-@needs_dot
-def test_no_value_of_an_event_leaves_its_place_in_a_picture() -> None:
-    plain, document = (
-        minidom.parseString(picture(dot, "svg")) for dot in (to_dot(awkward()), fired_dot(*awkward_match()))
-    )
+def by_graphviz() -> list[bytes]:
+    return [picture(dot, "svg") for dot in (to_dot(awkward()), fired_dot(*awkward_match()))]
+
+
+def by_us() -> list[bytes]:
+    return [draw(awkward(), Format.SVG, Look(events=True)), fired_picture(*awkward_match(), Format.SVG)]
+
+
+@pytest.mark.parametrize("drawer", [by_us, pytest.param(by_graphviz, marks=needs_dot)])
+def test_no_value_of_an_event_leaves_its_place_in_a_picture(drawer: Callable[[], list[bytes]]) -> None:
+    pictures = drawer()
+    plain, document = map(minidom.parseString, pictures)
     assert len(plain.getElementsByTagName("g")) == len(document.getElementsByTagName("g")), "the same nodes and edges"
     assert not document.getElementsByTagName("b")
     shown = " ".join(t.firstChild.nodeValue or "" for t in document.getElementsByTagName("text") if t.firstChild)
@@ -169,13 +178,12 @@ def test_a_long_value_is_cut_and_any_value_can_be_shown() -> None:
         assert fired_dot(tree, *match).encode()
 
 
-@needs_dot
 def test_no_text_of_the_picture_overlaps_another() -> None:
     explanation = explained(ROBOT, EVENTS)
     check_graph(ROBOT, explanation)
-    found = measured(picture(fired_dot(ROBOT, explanation, dict(enumerate(EVENTS, 1))), "svg"))
+    found = drawn(fired_picture(ROBOT, explanation, dict(enumerate(EVENTS, 1)), Format.SVG))
     assert overlaps(found) == []
-    frames = [frame for name, frame in found.frames.items() if name.startswith("n")]
+    frames = [frame for name, frame in found.frames.items() if " of " not in name]
     assert len(frames) == len(ROBOT.order)
     for text, place in found.texts:
         assert sum(frame.top < place.bottom < frame.bottom and place.overlaps(frame) for frame in frames) <= 1, text

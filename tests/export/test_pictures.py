@@ -1,12 +1,16 @@
-"""Pictures by Graphviz and TeX: every text is where it belongs, children stand in order, figures
-are readable, and failures are reported.
+"""Pictures as SVG, PDF and PNG, by Graphviz and TeX: every text is where it belongs, edges end at
+boxes and pass between others, children stand in order, figures are readable, failures are reported.
 """
 
 import os
 import re
+import shutil
 import struct
+import subprocess
+import sys
 import zlib
-from itertools import product
+from collections.abc import Callable
+from itertools import pairwise, product
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -18,9 +22,9 @@ from rvaft import RVAFT, Gate, Kind, Node, ToolFailed, ToolMissing, load, loads,
 from rvaft.export import Format
 from rvaft.export.dot import picture
 from rvaft.export.drawing import draw
-from rvaft.export.layout import WIDTH, looking, wrapped
+from rvaft.export.layout import WIDTH, Look, gate_text, looking, wrapped
 from tests.cli.runs import FULL, TREES, written
-from tests.export.geometry import measured, needs_dot, overlaps, pdf_width
+from tests.export.geometry import Box, Picture, drawn, edges, measured, needs_dot, overlaps, pdf_width
 from tests.export.trees import AWKWARD, PINNED, awkward
 from tests.tables import rows
 from tests.tex import document, needs_tex
@@ -34,28 +38,35 @@ def shown(svg: bytes) -> list[str]:
     return [(text.firstChild.nodeValue or "").replace("\xa0", " ").strip() for text in texts if text.firstChild]
 
 
-@needs_dot
-def test_svg_shows_every_text_as_it_is() -> None:
+def graphviz(tree: RVAFT) -> bytes:
+    return picture(to_dot(tree), "svg")
+
+
+def ours(tree: RVAFT) -> bytes:
+    return draw(tree, Format.SVG)
+
+
+@pytest.mark.parametrize("drawer", [ours, pytest.param(graphviz, marks=needs_dot)])
+def test_svg_shows_every_text_as_it_is(drawer: Callable[[RVAFT], bytes]) -> None:
     """Also all texts of up to three characters that mean something to Graphviz, as lines of labels."""
-    svg = draw(awkward(), Format.SVG)
+    svg = drawer(awkward())
     assert not minidom.parseString(svg).getElementsByTagName("b")
     assert {line.strip() for label in AWKWARD for line in wrapped(label, WIDTH)} - {""} <= set(shown(svg))
     texts = ["".join(letters) for length in (1, 2, 3) for letters in product("]>[<& \\x", repeat=length)]
     leaves = [Node(f"leaf {place}", label="\n".join(texts[place::9])) for place in range(9)]
     tree = RVAFT("top", [Node("top", Gate.OR, tuple(leaf.name for leaf in leaves)), *leaves])
-    assert {text.strip() for text in texts} - {""} <= set(shown(draw(tree, Format.SVG)))
+    assert {text.strip() for text in texts} - {""} <= set(shown(drawer(tree)))
 
 
-@needs_dot
 def test_no_text_leaves_its_place_under_any_look() -> None:
     tree = awkward()
     leaf = next(name for name in tree.order if tree.nodes[name].leaf)
     look = looking(tree, branch=1, legend=True, wrap=4, collapse=[leaf], stagger=True, depth=1)
-    found = measured(draw(tree, Format.SVG, look))
-    assert len([name for name in found.frames if name[0] in "ngt"]) == len(tree.order) + 1
+    found = drawn(draw(tree, Format.SVG, look))
+    assert len(found.frames) == 2 * len(tree.order), "a box and a symbol each"
+    assert overlaps(found) == []
 
 
-@needs_dot
 def test_an_svg_says_what_it_shows_and_which_node_a_box_is() -> None:
     for name in ("a &nbsp; b", "a &lt; b", "back\\slash\\", 'say "x"', "<b>]]>", "&#92;"):
         svg = draw(RVAFT(name, [Node(name, kind=Kind.ATTACK)]), Format.SVG)
@@ -64,13 +75,64 @@ def test_an_svg_says_what_it_shows_and_which_node_a_box_is() -> None:
         assert title.nodeValue == name
         assert b'class="node attack' in svg
     odd = draw(loads('"a \\"<b>\\\\N" or "c%"; "c%" attack;'), Format.SVG).decode()
+    assert 'id="node-a%20%22%3Cb%3E%5CN"' in odd
+    assert "<title>c%  [attack]</title>" in odd
+
+
+@needs_dot
+def test_graphviz_says_which_node_a_box_is() -> None:
+    odd = graphviz(loads('"a \\"<b>\\\\N" or "c%"; "c%" attack;')).decode()
     assert 'id="node&#45;a%20%22%3Cb%3E%5CN"' in odd
     assert 'xlink:title="c% &#160;[attack]"' in odd
 
 
-@needs_dot
+SHAPES = {
+    "top or a b; a; b;": {"gate or": 1, "leaf": 2, "inside": 0},
+    "top and a b; a; b;": {"gate and": 1, "leaf": 2, "inside": 0},
+    "top sand a b; a; b;": {"gate sand": 1, "inside": 1},
+    "top pand a b; a; b;": {"gate pand": 1, "inside": 1},
+    "top 2of3 a b c; a; b; c;": {"gate vot": 1, "leaf": 3},
+}
+
+
+@pytest.mark.parametrize("text", SHAPES)
+def test_every_gate_has_its_symbol_and_every_event_a_circle(text: str) -> None:
+    tree = loads(text)
+    svg = draw(tree, Format.SVG).decode()
+    assert {word: svg.count(f'class="{word}"') + svg.count(f'class="line {word}"') for word in SHAPES[text]} == SHAPES[
+        text
+    ]
+    assert ("2/3" in shown(svg.encode())) is ("2of3" in text)
+    boxes = draw(tree, Format.SVG, Look(symbols=False)).decode()
+    assert 'class="leaf"' not in boxes
+    assert gate_text(tree.nodes["top"]) in shown(boxes.encode())
+    condition = loads("event e(x) = { x: x }; top sand a b; a on e(X); b when X > 1;")
+    assert draw(condition, Format.SVG).decode().count('class="node condition"') == 1
+
+
+def test_edges_end_at_the_middle_of_a_box_and_pass_between_boxes() -> None:
+    """Also where nodes are shared, at every level."""
+    random = Random("edges")
+    for shared, stagger in [(False, True), (True, False), (True, True)] * 4:
+        tree = drawn_from(random, shared=shared)
+        svg = draw(tree, Format.SVG, Look(stagger=stagger))
+        found = drawn(svg)
+        assert overlaps(Picture(found.frames, [], found.width, found.smallest)) == []
+        for (first, last), corners in edges(svg).items():
+            above, below = tree.order[first], found.frames[tree.order[last]]
+            assert corners[-1][0] == pytest.approx(below.middle, abs=0.1)
+            assert corners[-1][1] == pytest.approx(below.top, abs=0.1)
+            assert corners[0][0] == pytest.approx(found.frames[above].middle, abs=0.1)
+            for (x, y), (other, lower) in pairwise(corners[1:]):
+                if x == other:  # upright, beside the boxes of a level
+                    way = Box(x - 1, x + 1, y + 0.2, lower - 0.2)
+                    hit = [name for name, frame in found.frames.items() if frame.overlaps(way)]
+                    assert set(hit) <= {above, f"gate of {above}"}
+
+
 def test_pictures_are_what_they_say_and_not_blank() -> None:
     """The pixels of a PNG, unpacked: white paper, black lines and text, and the two tints."""
+    pytest.importorskip("cairosvg")
     every = load(EVERY)
     for form, magic in ((Format.PDF, b"%PDF"), (Format.SVG, b"<?xml"), (Format.PNG, b"\x89PNG")):
         data = draw(every, form)
@@ -89,12 +151,16 @@ def test_pictures_are_what_they_say_and_not_blank() -> None:
     assert len(set(pixels)) > 50
 
 
-def test_without_graphviz_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_cairosvg_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "cairosvg", None)
+    for form in (Format.PDF, Format.PNG):
+        with pytest.raises(ToolMissing, match=r"cairosvg is not installed: pip install '\.\[pictures\]'"):
+            draw(load(EVERY), form)
+    assert draw(load(EVERY), Format.SVG)
+    assert load(EVERY)._repr_svg_().startswith("<svg")
     with pytest.raises(ToolMissing, match=r"dot is not installed.*apt-get install graphviz"):
-        draw(load(EVERY), Format.SVG)
-    assert load(EVERY)._repr_svg_() is None
-    assert draw(load(EVERY), Format.DOT)
+        picture("digraph {}", "svg")
 
 
 def test_a_graphviz_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,14 +216,31 @@ def test_children_stand_in_their_order(shared: bool, stagger: bool, count: int) 
 
 
 @needs_dot
+def test_graphviz_can_use_the_positions() -> None:
+    """By `neato -n`: each node is where the own drawer places it."""
+    tree = load(FULL)
+    program = shutil.which("neato")
+    assert program is not None
+    dot = to_dot(tree, legend=True, branch=1)
+    done = subprocess.run([program, "-n", "-Tsvg"], input=dot.encode(), capture_output=True, check=True)
+    found, expected = measured(done.stdout), drawn(draw(tree, Format.SVG, looking(tree, branch=1, symbols=False)))
+    shifts = [
+        (found.frames[f"n{rank}"].middle - expected.frames[name].middle, frame.middle)
+        for rank, (name, frame) in enumerate((one, expected.frames[one]) for one in tree.order)
+    ]
+    assert max(shift for shift, _ in shifts) - min(shift for shift, _ in shifts) < 1
+
+
 @pytest.mark.parametrize(("tree", "options", "centimetres"), rows(__file__, "figures.txt"))
 def test_a_figure_is_readable(tree: str, options: dict[str, Any], centimetres: float) -> None:
     """At least 7 points, no box and no text upon another; a printed page has no other margin."""
-    dot = to_dot(load(TREES / f"{tree}.rvaft"), **options)
-    found = measured(picture(dot, "svg"))
+    loaded = load(TREES / f"{tree}.rvaft")
+    look = looking(loaded, **options)
+    found = drawn(draw(loaded, Format.SVG, look))
     assert found.size_in(centimetres) >= 7
     assert overlaps(found) == []
-    assert "wrap" in options or abs(pdf_width(picture(dot, "pdf")) - found.width) <= 1
+    pytest.importorskip("cairosvg")
+    assert "wrap" in options or abs(pdf_width(draw(loaded, Format.PDF, look)) - found.width) <= 1
 
 
 def _latin(text: str) -> bool:
@@ -172,8 +255,8 @@ def test_tex_compiles_the_drawings(tmp_path: Path) -> None:
     parts = ["", "", ""]
     for tree in (load(FULL), load(EVERY), awkward(list(filter(_latin, AWKWARD)))):
         look = looking(tree, events=True, legend=True, branch=1, collapse=[tree.order[-2]])
-        head, begin, rest = draw(tree, Format.TIKZ, look).decode().partition(r"\begin{forest}")
-        forest, end, tail = rest.rpartition(r"\end{forest}")
-        parts = [head, parts[1] + begin + forest + end, tail]
+        head, begin, rest = draw(tree, Format.TIKZ, look).decode().partition(r"\begin{tikzpicture}")
+        drawing, end, tail = rest.rpartition(r"\end{tikzpicture}")
+        parts = [head, parts[1] + begin + drawing + end, tail]
     document("".join(parts), tmp_path)
     assert (tmp_path / "test.pdf").stat().st_size > 6000

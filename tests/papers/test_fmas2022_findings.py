@@ -1,6 +1,7 @@
 """`findings.md` and the command that makes everything: what is run, what cannot be, what no longer holds."""
 
 import os
+import sys
 from pathlib import Path
 
 import pytest
@@ -168,14 +169,14 @@ def test_what_lacks_a_tool_is_left_out_and_the_rest_is_written(
 
     monkeypatch.setattr(making, "latex_texts", lambda _: {"table3.tex": ""})
     monkeypatch.setattr(making, "overhead", missing)
-    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "cairosvg", None)
     assert main(["--out", str(tmp_path)]) == 2
     lines = capsys.readouterr().err.splitlines()
     assert [line.partition(": not run: ")[2][:24] for line in lines] == [
-        "figures 4a and 4b: dot i",
+        "figures 4a and 4b: cairo",
         "overhead: matplotlib is ",
     ]
-    assert "install Graphviz" in lines[0]
+    assert "pip install '.[pictures]'" in lines[0]
     assert "not run: matplotlib is not installed" in (tmp_path / "findings.md").read_text(encoding="utf-8")
     document = (tmp_path / "paper.tex").read_text(encoding="utf-8")
     assert r"\input{table3}" in document

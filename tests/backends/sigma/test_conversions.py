@@ -38,8 +38,8 @@ def test_a_shortest_trace_that_fixed_buckets_miss() -> None:
     tree = rvaft.loads((conversions.ROOT / "docs/findings/window.rvaft").read_text(encoding="utf-8"))
     texts = {"window": rvaft.translate(tree, "sigma", semantics="scattered").text}
     converted = conversions.run(texts)["window"][0]
-    spans = {target: re.search(r"(?:span=|date_trunc\()(\d+)s", converted[target][0]) for target in ("splunk", "esql")}
-    assert {target: found and found[1] for target, found in spans.items()} == {"splunk": "600", "esql": "600"}
+    spans = {target: re.search(r"(?:span=|date_trunc\()(\w+)", converted[target][0]) for target in ("splunk", "esql")}
+    assert {target: found and found[1] for target, found in spans.items()} == {"splunk": "10m", "esql": "10minutes"}
     logs = (
         [{"event": name, "user": "root", "t": time} for name, time in zip(names, times, strict=True)]
         for length in (1, 2)

@@ -118,11 +118,15 @@ def written(draw: random.Random, odd: float) -> str:
     return "\n".join(lines) + draw.choice(["\n", "\n\n", ""])
 
 
+NEAR = re.compile(r"^near misses, closest first:\n(?:  .*\n)+(?:note: .*near misses.*\n)*", re.MULTILINE)
+"""What the engine says beside, of events that a query does not keep."""
+
+
 def differences(tree: Path, log: Path, options: Sequence[str]) -> tuple[bool, bool]:
     """Compare the runs; return whether DuckDB answered, and whether something was detected."""
     plain, asked = run("monitor", tree, log, *options), run("monitor", tree, log, *options, "--engine", "duckdb")
     told = [line for line in asked.stderr.splitlines() if "is read without DuckDB: " not in line]
-    assert (asked.stdout, asked.exit_code) == (plain.stdout, plain.exit_code)
+    assert (asked.stdout, asked.exit_code) == (NEAR.sub("", plain.stdout), plain.exit_code)
     assert told == plain.stderr.splitlines()
     return "is read without DuckDB" not in asked.stderr, plain.exit_code == 1
 

@@ -67,13 +67,9 @@ DEFINED: Final[Recipe] = {
 
 _TABLES: Final = {
     "rvaft/export/layout.py": '    Gate.INHIBIT: ("INHIBIT", "all, from left to right, but the last one first"),\n',
-    "rvaft/export/dot.py": '    Gate.INHIBIT: "shape=house, orientation=180, height=0.22",\n',
-    "rvaft/export/tikz.py": '    Gate.INHIBIT: "signal, signal to=south",\n',
 }
 _LAST: Final = {
     "rvaft/export/layout.py": '    Gate.VOT: ("VOT k/n", "at least k of the n"),\n',
-    "rvaft/export/dot.py": '    Gate.VOT: "shape=hexagon, height=0.28",\n',
-    "rvaft/export/tikz.py": '    Gate.VOT: "signal, signal to=east and west",\n',
 }
 
 GATE: Final[Recipe] = {
@@ -95,6 +91,7 @@ GATE: Final[Recipe] = {
             "            return len(node.children) - place\n",
             "        case Gate.INHIBIT:\n            return (place + 1) % len(node.children) + 1\n",
         ),
+        Edit("rvaft/export/placing.py", "            case Gate.AND ", "| Gate.INHIBIT "),
         Edit("rvaft/export/galileo_text.py", '    Gate.SAND_RL: "pand",\n', '    Gate.INHIBIT: "pand",\n'),
     ],
     "prune": [Edit("rvaft/language/draft.py", "            case Gate.OR | Gate.AND ", "| Gate.INHIBIT ")],

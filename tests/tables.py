@@ -20,16 +20,20 @@ def sampled(
 ) -> list[ParameterSet]:
     """All cases as parameters; `make test` runs one in so many, and `.ci/run` the others too.
 
-    A case is one value, or a tuple or row with a value for each argument. With `ci`, `.ci/run` runs
+    A case is one value, or a tuple or row with a value for each argument; values may be parameters with
+    marks of their own. With `ci`, `.ci/run` runs
     one in so many of the others, and `make slow` the rest; with the mark `slow`, it runs them all.
     """
     found, other = list[ParameterSet](), 0
     for number, case in enumerate(cases):
-        marks = []
+        values, marks = list[Any](), list[Any]()
+        for one in [case] if isinstance(case, ParameterSet) or not isinstance(case, (tuple, list)) else case:
+            values += one.values if isinstance(one, ParameterSet) else [one]
+            marks += one.marks if isinstance(one, ParameterSet) else []
         if number % one_in:
-            marks = [mark if other % ci == 0 else pytest.mark.slow]
+            marks.append(mark if other % ci == 0 else pytest.mark.slow)
             other += 1
-        found.append(pytest.param(*(case if isinstance(case, (tuple, list)) else (case,)), marks=marks))
+        found.append(pytest.param(*values, marks=marks))
     return found
 
 

@@ -69,12 +69,10 @@ class TreeMetrics(Listener):
     def __init__(self, file: MetricsFile, tree: str) -> None:
         self._file, self._tree = file, tree
         self._events = self._detections = self._watches = 0
-        self._running = 0
 
     def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002
         """Count a trace or key."""
         self._watches += 1
-        self._running += 1
         self._file.put("rvaft_traces", self._tree, self._watches)
         self._file.put("rvaft_running", self._tree, 1)
 

@@ -21,7 +21,7 @@ from rvaft.model.guards import COMPARISONS, Guard, Operation, conjuncts, time_po
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Gate
 from rvaft.model.patterns import Anything, match
-from rvaft.model.tree import RVAFT, resolve_semantics
+from rvaft.model.tree import RVAFT, reachable, resolve_semantics
 from rvaft.model.values import Json, fingerprint, is_number
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DEFAULT_LIMIT, Explanation, Repetition
@@ -316,11 +316,7 @@ class NearMissSearch:
         return [leaf for child in needed for leaf in self._lowest(child)]
 
     def _below(self, tree: RVAFT, name: str) -> set[str]:
-        found, agenda = set[str](), [name]
-        while agenda:
-            found.add(one := agenda.pop())
-            agenda += tree.nodes[one].children
-        return found
+        return set(reachable(name, lambda one: tree.nodes[one].children))
 
     def _time(self, number: int, log: int) -> int | None:
         return None if self.tree.time is None else self.tree.time.read(self.at[log][number])

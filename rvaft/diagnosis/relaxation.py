@@ -9,7 +9,7 @@ from rvaft.model.guards import renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Variable
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, reachable
 
 _CONJUNCTIVE: Final = frozenset({Gate.AND, Gate.SAND, Gate.SAND_RL, Gate.PAND, Gate.VOT})
 """The gates that need several children; a child that is not asked for is one less."""
@@ -121,12 +121,7 @@ def _other_values(tree: RVAFT, node: Node) -> Iterator[Relaxation]:
 
 def _rebuilt(tree: RVAFT, nodes: Mapping[str, Node]) -> RVAFT:
     """Return a tree with these nodes as far as the root reaches them, without what names other parts."""
-    reached, agenda = dict[str, Node](), [tree.root]
-    while agenda:
-        name = agenda.pop()
-        if name not in reached:
-            reached[name] = nodes[name]
-            agenda += nodes[name].children
+    reached = {name: nodes[name] for name in reachable(tree.root, lambda name: nodes[name].children)}
     bound = {one for node in reached.values() if node.on for one in node.on.variables}
     lost = frozenset(tree.variables) - bound
     kept = [_closed(node, reached, lost) for name, node in nodes.items() if name in reached]

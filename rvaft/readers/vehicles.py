@@ -5,6 +5,7 @@ An event has the fields of a message, its name in `message`, and `time` in nanos
 """
 
 import logging
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing, redirect_stdout
 from functools import partial
@@ -55,9 +56,9 @@ class RecordingReader(LogReader):
         if not number:
             raise log.error_at(f"{self.what} has no message", None)
 
+    @abstractmethod
     def messages(self, log: Log) -> Iterator[tuple[str, int, Mapping[str, Any]]]:
         """Yield the name of each message, its time in nanoseconds, and its fields."""
-        raise NotImplementedError
 
 
 class ULogReader(RecordingReader):

@@ -13,6 +13,7 @@ from lark.exceptions import UnexpectedCharacters, UnexpectedInput, UnexpectedTok
 from rvaft.errors import LanguageError, error_at
 from rvaft.language.builder import FORMATS, WHOLE_NUMBER, shown
 from rvaft.language.draft import DYNAMIC_GATES
+from rvaft.language.galileo import UNSUPPORTED
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import CLAUSES, DYNAMIC, GATES, OPERATOR_WORDS, RESERVED, STATEMENTS, TOPIC
 from rvaft.model.guards import COMPARISONS, FUNCTIONS, POINTS, Operator
@@ -289,9 +290,7 @@ def _time_slips(at: _Situation) -> Advice:
         yield f"a duration is a number and a unit, one of {', '.join(UNITS)}, as in {example}", number.start
 
 
-_UNSUPPORTED_OTHER: Final = "a tree asks for events that happen, and not that an event stays out"
 _UNSUPPORTED: Final = {
-    "por": f"it needs its first child before the others; {_UNSUPPORTED_OTHER}; `or` drops the order",
     "sor": "it needs failures at the same time; write `and` with `within 0 s`",
     "inhibit": "write `and`, with the condition as a child",
     "rdep": "it changes failure rates, and a monitor observes failures; leave it out",
@@ -307,7 +306,7 @@ def _statement_slips(at: _Situation) -> Advice:
     # gates of Galileo and related languages
     if names_node and gate.text.lower() in DYNAMIC.difference(DYNAMIC_GATES):
         of = shown(name.text.strip('"'))
-        why = _UNSUPPORTED.get(gate.text.lower(), _UNSUPPORTED_OTHER)
+        why = _UNSUPPORTED.get(gate.text.lower(), UNSUPPORTED)
         yield f"the gate {shown(gate.text)} of {of} is not supported: {why}", gate.start
     if names_node and gate.text in DYNAMIC_GATES and bad.text == "-" and bad.start == gate.end:
         of = shown(name.text.strip('"'))

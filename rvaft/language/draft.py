@@ -48,10 +48,13 @@ DYNAMIC_GATES: Final[Mapping[str, Gate]] = {
     "spare": Gate.AND,
     "fdep": Gate.OR,
     "pdep": Gate.OR,
+    "por": Gate.OR,
+    "mutex": Gate.OR,
 }
-"""The supported dynamic gates of Galileo, with their translation.
+"""The dynamic gates of Galileo, with the gate in their place.
 
-`galileo.py` handles those that depend on more than the word.
+`galileo.py` handles those that depend on more than the word, and refuses `por` and `mutex`, which
+only analyses of risk read.
 """
 
 

@@ -28,6 +28,13 @@ _SHOWN: Final = 3
 """The maximum number of triggers in the name of a new node."""
 _MOST: Final = 1_000_000
 """The maximum number of pairs of a node and a trigger."""
+UNSUPPORTED: Final = "a tree asks for events that happen, and not that an event stays out"
+"""Why a gate is refused that needs other failures to stay out."""
+_REFUSED: Final = {
+    "por": f"it needs its first child before the others; {UNSUPPORTED}; `or` drops the order",
+    "mutex": UNSUPPORTED,
+}
+"""The dynamic gates that no monitor reads; analyses of risk read them."""
 _SPARES: Final = ("csp", "wsp", "hsp", "spare")
 
 
@@ -40,6 +47,9 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     uses = [(n, located) for n, located in uses if located.value.dynamic != "pand" or is_galileo(located.place.file)]
     if not uses:
         return
+    for node, (use, place) in uses:
+        if use.dynamic in _REFUSED:
+            raise _error(f"the gate `{use.dynamic}` of `{node.name}` is not supported: {_REFUSED[use.dynamic]}", place)
     if strict:
         node, (use, place) = min(uses, key=lambda found: found[1].place)
         raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused by strict Galileo", place)

@@ -147,7 +147,9 @@ def parse(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> Dr
     >>> sorted(parse("top or a b; a fault;").nodes)
     ['a', 'top']
     """
-    return _draft(text, file, shown=True, **reading)
+    draft = _draft(text, file, shown=True, **reading)
+    read_dynamic_gates(draft, strict=reading.get("strict_galileo", False))
+    return draft
 
 
 def _draft(text: str, file: str, *, shown: bool, **reading: Unpack[TreeOptions]) -> Draft:
@@ -160,7 +162,6 @@ def _draft(text: str, file: str, *, shown: bool, **reading: Unpack[TreeOptions])
     if not draft.nodes:
         raise NoTree(draft)
     draft.carry_out_prunes()
-    read_dynamic_gates(draft, strict=reading.get("strict_galileo", False))
     return draft
 
 
@@ -170,6 +171,22 @@ def parse_file(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> 
     With `confine_imports` the file, too, is a regular one in its folder, and no link out of it. Errors
     quote a file of another suffix than those of trees only after its first statement.
     """
+    draft = parse_file_as_written(path, **reading)
+    read_dynamic_gates(draft, strict=reading.get("strict_galileo", False))
+    return draft
+
+
+def parse_as_written(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> Draft:
+    """Return the draft as `parse` does, but with Galileo's dynamic gates as they are written.
+
+    >>> parse_as_written("t wsp a b;").nodes["t"].gates[0].value.dynamic
+    'wsp'
+    """
+    return _draft(text, file, shown=True, **reading)
+
+
+def parse_file_as_written(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> Draft:
+    """Return the draft as `parse_file` does, but with Galileo's dynamic gates as they are written."""
     name = os.fspath(path)
     folder = Path(name).parent if reading.get("confine_imports", False) else None
     return _draft(file_text(name, folder), name, shown=False, **reading)

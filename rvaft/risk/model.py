@@ -78,12 +78,15 @@ class RiskGate:
 
 @dataclass(frozen=True, slots=True)
 class Dependency:
-    """`fdep` and `pdep`: the failure of the trigger is one of the dependents, with a probability."""
+    """`fdep` and `pdep`: the failure of the trigger fails the dependents.
+
+    For `pdep`, it does if the leaf `coin` happens, which has the probability and stands nowhere else.
+    """
 
     name: str
     trigger: str
     dependents: tuple[str, ...]
-    chance: float = 1.0
+    coin: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -288,7 +291,10 @@ class _Building:
             raise RiskError(f"`pdep={text}` of {name} is not a probability: write a number from 0 to 1")
         if not dependents:
             raise RiskError(f"`{kind}` of {name} needs a trigger, followed by at least one dependent")
-        self._dependencies.append(Dependency(name, trigger, tuple(dependents), chance))
+        coin = None if chance == 1 else f"chance of {name}"
+        if coin is not None:
+            self._leaves[coin] = Leaf(coin, name, Quantities(chance=chance), once=True)
+        self._dependencies.append(Dependency(name, trigger, tuple(dependents), coin))
 
     def _restrict(self, name: str, kind: str, *, idle: bool) -> bool:
         """Record a restriction; return whether the node is nothing else."""
@@ -367,7 +373,7 @@ class _Building:
                 if name not in self._gates and name not in self._leaves:
                     raise RiskError(f"{name}, a dependent of {dependency.name}, never fails")
             dependents = tuple(new.get(name, name) for name in dependency.dependents)
-            self._dependencies[place] = Dependency(dependency.name, dependency.trigger, dependents, dependency.chance)
+            self._dependencies[place] = Dependency(dependency.name, dependency.trigger, dependents, dependency.coin)
 
     def _read_native_pands(self, kinds: Mapping[str, str]) -> None:
         """Read `pand` over events that recur as a sequence, which it is over single events."""
@@ -417,7 +423,8 @@ def _reached(form: RiskTree) -> RiskTree:
     """Return the form without what the root does not depend on, checked for what cannot be analysed."""
     kept = dict.fromkeys(form.order())
     while True:
-        more = [one.trigger for one in form.dependencies if any(name in kept for name in one.dependents)]
+        depending = [one for one in form.dependencies if any(name in kept for name in one.dependents)]
+        more = [name for one in depending for name in (one.trigger, one.coin) if name is not None]
         more += [child for one in form.restrictions if any(c in kept for c in one.children) for child in one.children]
         if all(name in kept for name in more):
             break
@@ -427,7 +434,7 @@ def _reached(form: RiskTree) -> RiskTree:
         MappingProxyType({name: leaf for name, leaf in form.leaves.items() if name in kept}),
         MappingProxyType({name: gate for name, gate in form.gates.items() if name in kept}),
         tuple(
-            Dependency(one.name, one.trigger, tuple(name for name in one.dependents if name in kept), one.chance)
+            Dependency(one.name, one.trigger, tuple(name for name in one.dependents if name in kept), one.coin)
             for one in form.dependencies
             if any(name in kept for name in one.dependents)
         ),

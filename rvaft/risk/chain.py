@@ -1,0 +1,398 @@
+"""A continuous-time Markov chain of a tree, or of a part of it, in which order matters.
+
+A state is a tuple with one entry for each element, children before gates. What a decided gate no
+longer depends on is forgotten, so that few states remain. Leaves with a probability are decided at
+time 0; those of a later part of a sequence happen when that part begins.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Final, TypeAlias, assert_never
+
+from rvaft.errors import TooLarge
+from rvaft.risk.model import Leaf, Op, RiskError, RiskTree, below
+
+State: TypeAlias = tuple[int, ...]
+
+OPEN: Final = 0
+"""A gate that has not failed and still can, and a leaf of which no event has happened."""
+FAILED: Final = -1
+SAFE: Final = -2
+"""What can never fail."""
+FORGOTTEN: Final = -3
+"""An element on which no open element depends."""
+WON: Final = -4
+"""A leaf with a probability that happens as soon as its part begins."""
+
+DEFAULT_STATES: Final = 200_000
+_MOST_COINS: Final = 16
+_MOST_ORDERS: Final = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """What an element is, by the numbers of others."""
+
+    number: int
+    op: Op | None
+    children: tuple[int, ...]
+    need: int = 0
+
+
+class Machine:
+    """The states of the elements below `root`, and what the events of its leaves do to them.
+
+    Raises `RiskError` for what no chain describes.
+
+    >>> import rvaft
+    >>> from rvaft.risk.model import of_tree
+    >>> machine = Machine(of_tree(rvaft.loads("t sand a b; a lambda=1; b lambda=2;")), "t")
+    >>> start = machine.start()
+    >>> [(leaf.name, rate) for leaf, rate in machine.rates(start)]
+    [('a', 1.0)]
+    >>> machine.decided(machine.after(machine.after(start, "a"), "b"))
+    True
+    """
+
+    def __init__(self, tree: RiskTree, root: str, *, given: Mapping[str, float | None] | None = None) -> None:
+        self.tree = tree
+        kept = _with_causes(tree, root)
+        names = below(tree, kept)
+        self.names = tuple(names)
+        self.number = {name: place for place, name in enumerate(names)}
+        self._root = self.number[root]
+        number = self.number
+        self._places = tuple(self._placed(place, name) for place, name in enumerate(names))
+        self._leaves: dict[int, Leaf] = {number[name]: tree.leaves[name] for name in names if name in tree.leaves}
+        self._gates = [place for place in self._places if place.op is not None]
+        self._spares = [place for place in self._gates if place.op is Op.SPARE]
+        self._dependencies = tuple(one for one in tree.dependencies if any(name in number for name in one.dependents))
+        self._coins = {number[one.coin] for one in self._dependencies if one.coin is not None}
+        self._waits = self._waiting(root)
+        self._follows, self._excludes = self._restricted()
+        self._modules = self._claimed()
+        self._given = given or {}
+        for place, leaf in self._leaves.items():
+            if self._waits[place] and self._is_dependent(leaf.name):
+                raise RiskError(f"{leaf.node} depends on a trigger, and its clock starts with a later part of a "
+                                "sequence: which of the two wins is not defined")  # fmt: skip
+            if leaf.numbers.shape != 1.0:
+                raise RiskError(f"the rate of {leaf.node} changes with time (`shape`), which only static trees can have")
+
+    @property
+    def leaves(self) -> tuple[Leaf, ...]:
+        """The leaves below the root, and below what it depends on."""
+        return tuple(self._leaves.values())
+
+    def _placed(self, place: int, name: str) -> _Place:
+        gate = self.tree.gates.get(name)
+        if gate is None:
+            return _Place(place, None, ())
+        return _Place(place, gate.op, tuple([self.number[child] for child in gate.children]), gate.need)
+
+    def _waiting(self, root: str) -> dict[int, frozenset[int]]:
+        """Return the parts that must be complete before the clock of each leaf starts."""
+        found: dict[int, set[frozenset[int]]] = {self.number[root]: {frozenset()}}
+        for place in reversed(self._places):
+            mine = found.get(place.number, {frozenset()})
+            if len(mine) > 1:
+                name = self.names[place.number]
+                raise RiskError(f"{name} is shared by parts of sequences that begin at different times: no chain "
+                                "describes this; use --simulate")  # fmt: skip
+            [waits] = mine
+            for before, child in zip((None, *place.children), place.children, strict=False):
+                more = waits if place.op is not Op.SEQUENCE or before is None else waits | {before}
+                found.setdefault(child, set()).add(more)
+        return {leaf: next(iter(found.get(leaf, {frozenset()}))) for leaf in self._leaves}
+
+    def _restricted(self) -> tuple[dict[int, set[int]], dict[int, set[int]]]:
+        follows: dict[int, set[int]] = {}
+        excludes: dict[int, set[int]] = {}
+        dependents = {name for one in self._dependencies for name in one.dependents}
+        for restriction in self.tree.restrictions:
+            inside = [name for name in restriction.children if name in self.number]
+            for name in inside if len(inside) == len(restriction.children) else ():
+                if name in dependents:
+                    raise RiskError(f"{name} is restricted by {restriction.name} and depends on a trigger: which of "
+                                    "the two wins is not defined")  # fmt: skip
+            for before, name in zip(inside, inside[1:], strict=False):
+                if not restriction.exclusive:
+                    follows.setdefault(self.number[name], set()).add(self.number[before])
+            if restriction.exclusive:
+                for name in inside:
+                    excludes.setdefault(self.number[name], set()).update(self.number[o] for o in inside if o != name)
+        return follows, excludes
+
+    def _claimed(self) -> dict[int, list[tuple[int, int]]]:
+        """Return the spare gates that use a leaf, with the place of the child that has it."""
+        modules: dict[int, list[tuple[int, int]]] = {}
+        for spare in self._spares:
+            for position, child in enumerate(spare.children):
+                for name in below(self.tree, [self.names[child]]):
+                    place = self.number[name]
+                    if position and self._places[place].op is Op.SPARE:
+                        raise RiskError(f"the spare {self.names[child]} has a spare gate, {name}, of its own, which is "
+                                        "not analysed")  # fmt: skip
+                    if place in self._leaves:
+                        modules.setdefault(place, []).append((spare.number, position))
+        return modules
+
+    # ---- events ---------------------------------------------------------------------------------
+
+    def start(self) -> State:
+        """Return the state before all events, in which no probability is decided."""
+        first = [OPEN] * len(self._places)
+        for place, leaf in self._leaves.items():
+            if self._chance(leaf) is None and not self._rate(leaf) and not self._is_dependent(leaf.name):
+                first[place] = SAFE
+        return self._settled(tuple(first), ())
+
+    def resolved(self, state: State) -> dict[State, float]:
+        """Return the states with decided probabilities, and the chances of each, which sum to 1.
+
+        Raises `TooLarge` for more than sixteen probabilities that are not decided.
+        """
+        coins = [(place, chance) for place, leaf in self._leaves.items() if state[place] == OPEN
+                 and (chance := self._chance(leaf)) is not None]  # fmt: skip
+        uncertain = [(place, chance) for place, chance in coins if 0 < chance < 1]
+        if len(uncertain) > _MOST_COINS:
+            raise TooLarge("probabilities in one part in which order matters", limit=_MOST_COINS)
+        if not coins:
+            return {state: 1.0}
+        found: dict[State, float] = {}
+        for outcome in product((True, False), repeat=len(uncertain)):
+            decided, weight = list(state), 1.0
+            for place, chance in coins:
+                decided[place] = WON if chance else SAFE
+            for (place, chance), won in zip(uncertain, outcome, strict=True):
+                decided[place] = WON if won else SAFE
+                weight *= chance if won else 1 - chance
+            settled = self._settled(tuple(decided), ())
+            found[settled] = found.get(settled, 0.0) + weight
+        return found
+
+    def _chance(self, leaf: Leaf) -> float | None:
+        return self._given.get(leaf.name, leaf.numbers.chance)
+
+    def _rate(self, leaf: Leaf) -> float:
+        return 0.0 if self._chance(leaf) is not None else leaf.numbers.rate or 0.0
+
+    def _is_dependent(self, name: str) -> bool:
+        return any(name in one.dependents for one in self._dependencies)
+
+    def rates(self, state: State) -> Iterator[tuple[Leaf, float]]:
+        """Yield the leaves of which an event can change the state, with the rates of these events."""
+        if state[self._root] < 0:
+            return
+        for place, leaf in self._leaves.items():
+            if state[place] >= 0 and self._may_happen(state, place):
+                rate = self._rate(leaf)
+                if rate and place in self._modules and not self._active(state, place):
+                    rate *= 1.0 if leaf.numbers.dormancy is None else leaf.numbers.dormancy
+                if rate:
+                    yield leaf, rate
+
+    def _may_happen(self, state: State, place: int) -> bool:
+        if any(state[before] != FAILED for before in self._waits[place]):
+            return False
+        if any(state[before] != FAILED for before in self._follows.get(place, ())):
+            return False
+        return not any(state[other] == FAILED for other in self._excludes.get(place, ()))
+
+    def _active(self, state: State, place: int) -> bool:
+        return any(position == 0 or state[spare] == position for spare, position in self._modules[place])
+
+    def after(self, state: State, name: str) -> State:
+        """Return the state after one more event of a leaf, which may leave it as it is.
+
+        Raises `RiskError` if the order of simultaneous failures decides.
+        """
+        place = self.number[name]
+        if state[self._root] < 0 or state[place] < 0 or not self._may_happen(state, place):
+            return state
+        return self._settled(state, (place,))
+
+    def decided(self, state: State) -> bool | None:
+        """Return True if the root has happened, False if it never can, else None."""
+        return {FAILED: True, SAFE: False}.get(state[self._root])
+
+    def _counted(self, state: list[int], place: int) -> None:
+        leaf = self._leaves[place]
+        happened = max(state[place], 0) + 1
+        state[place] = FAILED if happened >= leaf.times else happened
+
+    def _settled(self, state: State, events: Iterable[int]) -> State:
+        """Return the state after the events of leaves, and what follows from them at once."""
+        left = list(state)
+        for place in events:
+            self._counted(left, place)
+        together = self._together(state, left)
+        if not self._dependencies:
+            return self._tidy(together)
+        outcomes = {self._tidy(together)}
+        budget = [_MOST_ORDERS]
+        for one in self._in_turn(self._evaluated(state, left), budget):
+            outcomes.add(self._tidy(one))
+        if len(outcomes) > 1:
+            names = sorted({name for one in self._dependencies for name in one.dependents if name in self.number})
+            some = ", ".join(names[:5])
+            raise RiskError(f"the order of simultaneous failures decides ({some} fail at once by a trigger): a number "
+                            "would depend on it")  # fmt: skip
+        return outcomes.pop()
+
+    def _together(self, before: State, left: list[int]) -> State:
+        """Return the state if all that follows happens at the same moment."""
+        while True:
+            found = self._evaluated(before, left)
+            more = [place for place in self._due(found) if left[place] != FAILED]
+            if not more:
+                return found
+            for place in more:
+                left[place] = FAILED
+
+    def _in_turn(self, state: State, budget: list[int]) -> Iterator[State]:
+        """Yield the states if what follows happens one after the other, in each order."""
+        due = self._due(state)
+        if not due:
+            yield state
+            return
+        budget[0] -= 1
+        if budget[0] < 0:
+            raise TooLarge("orders of failures that one trigger brings about", limit=_MOST_ORDERS)
+        for place in due:
+            left = list(state)
+            left[place] = FAILED
+            yield from self._in_turn(self._evaluated(state, left), budget)
+
+    def _due(self, state: State) -> list[int]:
+        """Return the leaves that fail now: dependents of failed triggers, and won leaves whose part begins."""
+        found = [
+            self.number[name]
+            for one in self._dependencies
+            if state[self.number[one.trigger]] == FAILED
+            and (one.coin is None or state[self.number[one.coin]] == WON)
+            for name in one.dependents
+            if name in self.number and state[self.number[name]] not in (FAILED, FORGOTTEN)
+        ]
+        coins = self._coins
+        won = [p for p in self._leaves if state[p] == WON and p not in coins and self._may_happen(state, p)]
+        return list(dict.fromkeys([*won, *found]))
+
+    # ---- gates ----------------------------------------------------------------------------------
+
+    def _evaluated(self, before: State, left: Sequence[int]) -> State:
+        """Return the state with the gates after changes of leaves; `before` has what gates remember."""
+        now = list(left)
+        for place in self._excludes:
+            if now[place] == OPEN and any(now[other] == FAILED for other in self._excludes[place]):
+                now[place] = SAFE
+        for spare in self._gates:
+            now[spare.number] = before[spare.number]
+        for gate in self._gates:
+            if now[gate.number] >= 0:
+                now[gate.number] = self._gate(gate, now)
+        return tuple(now)
+
+    def _gate(self, gate: _Place, now: list[int]) -> int:
+        states = [now[child] for child in gate.children]
+        failed, safe = states.count(FAILED), states.count(SAFE)
+        match gate.op:
+            case Op.OR:
+                return FAILED if failed else SAFE if safe == len(states) else OPEN
+            case Op.AND:
+                return SAFE if safe else FAILED if failed == len(states) else OPEN
+            case Op.AT_LEAST:
+                return FAILED if failed >= gate.need else SAFE if len(states) - safe < gate.need else OPEN
+            case Op.SEQUENCE:
+                return SAFE if safe else FAILED if failed == len(states) else OPEN
+            case Op.PRIORITY:
+                waiting = next((place for place, one in enumerate(states) if one != FAILED), len(states))
+                if safe or any(one == FAILED for one in states[waiting:]):
+                    return SAFE
+                return FAILED if waiting == len(states) else OPEN
+            case Op.FIRST:
+                if states[0] == FAILED:
+                    return FAILED
+                return SAFE if failed or states[0] == SAFE else OPEN
+            case Op.SPARE:
+                return self._spare(gate, now)
+            case None:
+                raise AssertionError
+            case _:
+                assert_never(gate.op)
+
+    def _spare(self, gate: _Place, now: list[int]) -> int:
+        used = now[gate.number]
+        while now[gate.children[used]] == FAILED:
+            taken = {
+                other.children[now[other.number]]
+                for other in self._spares
+                if other is not gate and now[other.number] >= 0
+            }
+            free = (
+                place
+                for place in range(used + 1, len(gate.children))
+                if now[gate.children[place]] != FAILED and gate.children[place] not in taken
+            )
+            found = next(free, None)
+            if found is None:
+                return FAILED
+            used = found
+        return SAFE if now[gate.children[used]] == SAFE else used
+
+    # ---- what is forgotten ----------------------------------------------------------------------
+
+    def _tidy(self, state: State) -> State:
+        if state[self._root] < 0:
+            return tuple([state[self._root] if place == self._root else FORGOTTEN for place in range(len(state))])
+        needed: set[int] = set()
+        waiting = [self._root]
+        while waiting:
+            place = waiting.pop()
+            if place in needed:
+                continue
+            needed.add(place)
+            if state[place] < 0 and state[place] != WON:
+                continue
+            waiting.extend(self._depends(state, place))
+        return tuple([one if place in needed else FORGOTTEN for place, one in enumerate(state)])
+
+    def _depends(self, state: State, place: int) -> Iterator[int]:
+        """Yield the elements that may still change what an open element does."""
+        element = self._places[place]
+        if element.op is Op.SPARE:
+            rest = element.children[state[place] :]
+            yield from rest
+            for other in self._spares:
+                if state[other.number] >= 0 and not set(rest).isdisjoint(other.children[state[other.number] :]):
+                    yield other.number
+        else:
+            yield from element.children
+        if place in self._leaves:
+            yield from self._waits[place]
+            yield from self._follows.get(place, ())
+            yield from self._excludes.get(place, ())
+            name = self.names[place]
+            for one in self._dependencies:
+                if name in one.dependents:
+                    yield self.number[one.trigger]
+                    yield place if one.coin is None else self.number[one.coin]
+            for spare, position in self._modules.get(place, ()):
+                if position and state[spare] >= 0:
+                    yield spare
+
+
+
+def _with_causes(tree: RiskTree, root: str) -> list[str]:
+    """Return the root, and the elements that it depends on by dependencies and restrictions."""
+    roots = {root: None}
+    while True:
+        kept = set(below(tree, roots))
+        depending = [one for one in tree.dependencies if any(name in kept for name in one.dependents)]
+        more = [name for one in depending for name in (one.trigger, one.coin) if name is not None]
+        more += [name for one in tree.restrictions if any(c in kept for c in one.children) for name in one.children]
+        new = [name for name in more if name not in kept]
+        if not new:
+            return list(roots)
+        roots.update(dict.fromkeys(new))

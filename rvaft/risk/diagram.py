@@ -1,0 +1,177 @@
+"""Binary decision diagrams of monotone functions over leaves and independent parts, as flat tables.
+
+Oxidd builds them, in the order in which a depth-first walk meets the leaves.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, assert_never
+
+from rvaft.errors import TooLarge, installed
+from rvaft.risk.model import Op, RiskTree
+
+if TYPE_CHECKING:
+    import numpy as np
+
+DEFAULT_NODES: Final = 4_000_000
+"""The default number of nodes of a diagram: about 100 MB."""
+
+
+class Node(NamedTuple):
+    """A decision: the number of a variable, and the places of the results where it is true and false."""
+
+    variable: int
+    high: int
+    low: int
+
+
+class Diagram(NamedTuple):
+    """A function of variables: `nodes` has each node after its results; 0 and 1 are false and true.
+
+    The node at place i of `nodes` has the number i + 2; `root` is the number of the whole.
+    """
+
+    variables: tuple[str, ...]
+    nodes: tuple[Node, ...]
+    root: int
+
+    def values(self, chances: Mapping[str, Any]) -> list[Any]:
+        """Return the probability of each node, given that of each variable: numbers, or arrays of equal length."""
+        chance = [chances[name] for name in self.variables]
+        found: list[Any] = [0.0, 1.0]
+        for variable, high, low in self.nodes:
+            p = chance[variable]
+            found.append(p * found[high] + (1 - p) * found[low])
+        return found
+
+    def probability(self, chances: Mapping[str, Any]) -> Any:
+        """Return the probability of the function."""
+        return self.values(chances)[self.root]
+
+    def slopes(self, chances: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the derivative by the probability of each variable (Birnbaum's importance)."""
+        chance = [chances[name] for name in self.variables]
+        values = self.values(chances)
+        reached: list[Any] = [0.0] * len(values)
+        reached[self.root] = 1.0
+        found: list[Any] = [0.0] * len(self.variables)
+        for place in range(len(self.nodes) + 1, 1, -1):
+            variable, high, low = self.nodes[place - 2]
+            weight = reached[place]
+            found[variable] = found[variable] + weight * (values[high] - values[low])
+            reached[high] = reached[high] + weight * chance[variable]
+            reached[low] = reached[low] + weight * (1 - chance[variable])
+        return dict(zip(self.variables, found, strict=True))
+
+
+def diagram(tree: RiskTree, parts: frozenset[str], *, nodes: int = DEFAULT_NODES) -> Diagram:
+    """Return the diagram of a tree, with `parts` as variables beside the leaves.
+
+    Gates that are no parts are static. A dependent happens, too, if its trigger does. Raises
+    `TooLarge` beyond a number of nodes, and `ToolMissing` without oxidd.
+
+    >>> import rvaft
+    >>> from rvaft.risk.model import of_tree
+    >>> made = diagram(of_tree(rvaft.loads("t or a g; g and b c;")), frozenset())
+    >>> made.variables, made.probability({"a": 0.5, "b": 0.5, "c": 0.5})
+    (('a', 'b', 'c'), 0.625)
+    """
+    oxidd = installed("oxidd.bdd", "oxidd", "pip install 'rvaft[risk]'")
+    causes: dict[str, list[tuple[str, str | None]]] = {}
+    for one in tree.dependencies:
+        for name in one.dependents:
+            causes.setdefault(name, []).append((one.trigger, one.coin))
+    order = _walk(tree, parts, causes)
+    variables = [name for name in order if name in tree.leaves or name in parts]
+    manager = oxidd.BDDManager(nodes, max(1024, nodes // 4), 1)
+    manager.add_vars(len(variables))
+    number = {name: place for place, name in enumerate(variables)}
+    made: dict[str, Any] = dict.fromkeys(order, manager.false())
+    try:
+        while True:  # once, unless dependencies form a cycle
+            changed = False
+            for name in order:
+                if name in number:
+                    found = manager.var(number[name])
+                    for trigger, coin in causes.get(name, ()) if name in tree.leaves else ():
+                        found = found | (made[trigger] if coin is None else made[trigger] & made[coin])
+                else:
+                    gate = tree.gates[name]
+                    found = _gate(manager, gate.op, gate.need, [made[child] for child in gate.children])
+                changed = changed or made[name] != found
+                made[name] = found
+            if not causes or not changed:
+                return _flat(tuple(variables), made[tree.root], nodes)
+    except MemoryError:
+        raise TooLarge("nodes of a decision diagram", limit=nodes) from None
+
+
+def _walk(tree: RiskTree, parts: frozenset[str], causes: Mapping[str, Sequence[tuple[str, str | None]]]) -> list[str]:
+    """Return the elements to build, each after those that it needs, from left to right."""
+    found: dict[str, None] = {}
+    entered: set[str] = set()
+    waiting = [(tree.root, False)]
+    while waiting:
+        name, done = waiting.pop()
+        if done:
+            found[name] = None
+        elif name not in entered:
+            entered.add(name)
+            waiting.append((name, True))
+            if name in parts:
+                continue
+            needs = [one for cause in causes.get(name, ()) for one in cause if one is not None]
+            waiting.extend((one, False) for one in reversed([*tree.children(name), *needs]))
+    return list(found)
+
+
+def _gate(manager: Any, op: Op, need: int, parts: list[Any]) -> Any:
+    match op:
+        case Op.OR:
+            found = manager.false()
+            for part in reversed(parts):
+                found = part | found
+            return found
+        case Op.AND:
+            found = manager.true()
+            for part in reversed(parts):
+                found = part & found
+            return found
+        case Op.AT_LEAST:
+            row = [manager.true(), *[manager.false()] * need]
+            for part in reversed(parts):  # row[k]: at least k of the parts so far
+                row = [row[0], *[part.ite(row[k - 1], row[k]) for k in range(1, need + 1)]]
+            return row[need]
+        case Op.SEQUENCE | Op.PRIORITY | Op.FIRST | Op.SPARE:
+            raise AssertionError(op)
+        case _:
+            assert_never(op)
+
+
+def _flat(variables: tuple[str, ...], root: Any, limit: int) -> Diagram:
+    place: dict[Any, int] = {}
+    nodes: list[Node] = []
+
+    def known(function: Any) -> int | None:
+        return (1 if function.valid() else 0) if function.node_level() is None else place.get(function)
+
+    waiting = [root]
+    while waiting:
+        function = waiting[-1]
+        if known(function) is not None:
+            waiting.pop()
+            continue
+        high, low = function.cofactors()
+        need = [one for one in (high, low) if known(one) is None]
+        if need:
+            waiting.extend(need)
+            continue
+        waiting.pop()
+        at_high, at_low = known(high), known(low)
+        assert at_high is not None and at_low is not None
+        place[function] = len(nodes) + 2
+        nodes.append(Node(function.node_var(), at_high, at_low))
+        if len(nodes) > limit:
+            raise TooLarge("nodes of a decision diagram", limit=limit)
+    whole = known(root)
+    assert whole is not None
+    return Diagram(variables, tuple(nodes), whole)

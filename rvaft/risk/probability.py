@@ -1,0 +1,280 @@
+"""The probability of a tree in time: independent parts by chains, what joins them by a decision diagram.
+
+A part is independent if nothing outside depends on its leaves (modules of Dutuit and Rauzy, 1996);
+it needs a chain if the order of its events matters.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final
+
+import networkx as nx
+
+from rvaft.errors import TooLarge, installed
+from rvaft.model.quantities import Quantities
+from rvaft.risk.chain import DEFAULT_STATES, Machine
+from rvaft.risk.diagram import DEFAULT_NODES, Diagram, diagram
+from rvaft.risk.model import Leaf, Op, RiskError, RiskTree, below
+from rvaft.risk.transient import Chain, chain, mean_time, within
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    Numbers = np.ndarray[Any, Any]
+
+MTTF_ERROR: Final = 1e-9
+"""The relative error that a mean time by integration may have."""
+
+
+@dataclass(frozen=True, slots=True)
+class Importance:
+    """How much one leaf matters to the probability of the root, at one time.
+
+    `probability` is the leaf's own, `birnbaum` is P(root | leaf) - P(root | not leaf), `criticality`
+    is birnbaum × probability / P(root), `diagnostic` (DIF) is P(leaf | root), `achievement` (RAW) is
+    P(root | leaf) / P(root), `reduction` (RRW) is P(root) / P(root | not leaf). None where a number is not
+    defined: a leaf in a part in which order matters has no probability of its own.
+    """
+
+    leaf: str
+    probability: float | None
+    birnbaum: float
+    criticality: float | None
+    diagnostic: float | None
+    achievement: float
+    reduction: float
+
+
+class Analysis:
+    """The probabilities of one tree; solved parts are kept. Times are in the unit of the rates.
+
+    Raises `RiskError` for a tree that cannot be analysed, and `TooLarge` beyond the limits.
+
+    >>> import rvaft
+    >>> from rvaft.risk.model import of_tree
+    >>> analysis = Analysis(of_tree(rvaft.loads("t sand x y; x lambda=.5; y lambda=.2;")))
+    >>> round(analysis.at(1.0), 10), round(analysis.mean_time(), 6)
+    (0.039802518, 7.0)
+    """
+
+    def __init__(self, tree: RiskTree, *, states: int = DEFAULT_STATES, nodes: int = DEFAULT_NODES) -> None:
+        tree.require_numbers()
+        self.unit = tree.unit
+        if tree.timed:
+            some = ", ".join(tree.timed[:5])
+            raise RiskError(f"windows, absent events and ends in order ({some}) have no chain: use --simulate")
+        self.tree = tree
+        self._states, self._nodes = states, nodes
+        self.parts = dynamic_parts(tree)
+        """The roots of the independent parts in which order matters."""
+
+    @cached_property
+    def diagram(self) -> Diagram:
+        """The function of leaves and parts that is the root."""
+        return diagram(self.tree, self.parts, nodes=self._nodes)
+
+    @cached_property
+    def chains(self) -> Mapping[str, Chain]:
+        """The chain of each part."""
+        return {part: self._chain(part, {}) for part in sorted(self.parts)}
+
+    def _chain(self, part: str, given: Mapping[str, float]) -> Chain:
+        return chain(Machine(self.tree, part, given=given), states=self._states)
+
+    def at(self, time: float) -> float:
+        """Return the probability that the root has happened by a time."""
+        return self.curve([time])[0]
+
+    def curve(self, times: Sequence[float]) -> list[float]:
+        """Return the probability that the root has happened by each time."""
+        return [float(one) for one in _array(self.diagram.probability(self._chances(times)), len(times))]
+
+    def element(self, name: str, time: float) -> float:
+        """Return the probability of another element than the root."""
+        return Analysis(replace(self.tree, root=name), states=self._states, nodes=self._nodes).at(time)
+
+    def _chances(self, times: Sequence[float]) -> dict[str, Any]:
+        import numpy as np  # noqa: PLC0415 -- imported on use
+
+        found: dict[str, Any] = {}
+        for name in self.diagram.variables:
+            if name in self.parts:
+                found[name] = _of_chain(self.chains[name], times)
+            else:
+                leaf = self.tree.leaves[name]
+                found[name] = np.array([leaf_probability(leaf, time) for time in times])
+        return found
+
+    def mean_time(self) -> float:
+        """Return the mean time until the root happens, or infinity if it may never happen.
+
+        Raises `RiskError` if the integral does not converge.
+        """
+        if self.diagram.variables == (self.tree.root,) and self.tree.root in self.parts:
+            return _mean_of_chain(self.chains[self.tree.root])
+        rates = [leaf.numbers.rate for leaf in self._leaves() if leaf.numbers.chance is None and leaf.numbers.rate]
+        if self.diagram.probability({name: self._at_last(name) for name in self.diagram.variables}) < 1:
+            return math.inf
+        if not rates:
+            return 0.0
+        integrate = installed("scipy.integrate", "scipy", "pip install 'rvaft[risk]'")
+        scale = 1 / max(rates)
+        cuts = [scale * 10**power for power in range(-1, 1 + math.ceil(math.log10(max(rates) / min(rates))) + 2)]
+        total, error, last = 0.0, 0.0, 0.0
+        for end in cuts:
+            part, bound = integrate.quad(lambda t: 1 - self.at(t), last, end, epsrel=1e-11, limit=200)
+            total, error, last = total + part, error + bound, end
+        part, bound = integrate.quad(lambda t: 1 - self.at(t), last, last * 4, epsrel=1e-11, limit=200)
+        total, error = total + part, error + bound + (1 - self.at(last * 4)) * last * 4
+        if error > MTTF_ERROR * total:
+            raise RiskError("the mean time was not computed to a relative 1e-9: no number is printed")
+        return float(total)
+
+    def _leaves(self) -> list[Leaf]:
+        return [self.tree.leaves[name] for name in self.tree.order() if name in self.tree.leaves]
+
+    def _at_last(self, name: str) -> float:
+        """Return the probability that a variable ever happens, 1 exactly if it is certain."""
+        if name not in self.parts:
+            numbers = self.tree.leaves[name].numbers
+            return numbers.chance if numbers.chance is not None else 1.0 if numbers.rate else 0.0
+        return 1.0 if math.isfinite(_mean_of_chain(self.chains[name])) else 0.0
+
+    def importance(self, time: float) -> list[Importance]:
+        """Return the importance of each leaf at a time, in the order of the leaves."""
+        chances = {name: float(_array(one, 1)[0]) for name, one in self._chances([time]).items()}
+        slopes = self.diagram.slopes(chances)
+        whole = float(self.diagram.probability(chances))
+        found: list[Importance] = []
+        for name in self.diagram.variables:
+            if name in self.parts:
+                for leaf in Machine(self.tree, name).leaves:
+                    happened, never = (
+                        float(_of_chain(self._given(name, leaf, how), [time])[0]) for how in (1.0, 0.0)
+                    )
+                    with_it, without = (
+                        whole + slopes[name] * (value - chances[name]) for value in (happened, never)
+                    )
+                    found.append(_importance(leaf.name, None, with_it, without, whole))
+            else:
+                p, slope = chances[name], float(slopes[name])
+                found.append(_importance(name, p, whole + (1 - p) * slope, whole - p * slope, whole))
+        return found
+
+    def _given(self, part: str, leaf: Leaf, how: float) -> Chain:
+        return self._chain(part, {leaf.name: how})
+
+
+def _importance(name: str, p: float | None, with_it: float, without: float, whole: float) -> Importance:
+    slope = with_it - without
+    ratio = with_it / whole if whole else math.nan
+    return Importance(
+        name,
+        p,
+        slope,
+        None if p is None or not whole else p * slope / whole,
+        None if p is None or not whole else p * ratio,
+        ratio,
+        whole / without if without > 0 else math.inf,
+    )
+
+
+def leaf_probability(leaf: Leaf, time: float) -> float:
+    """Return the probability that a leaf has happened by a time, all its events.
+
+    >>> leaf_probability(Leaf("a", "a", Quantities(rate=1.0), once=True, times=2), 1.0)
+    0.26424111765711533
+    """
+    numbers = leaf.numbers
+    if numbers.chance is not None:
+        return numbers.chance
+    mean = ((numbers.rate or 0.0) * time) ** numbers.shape
+    if leaf.times == 1:
+        return -math.expm1(-mean)
+    if numbers.shape != 1:
+        raise RiskError(f"{leaf.node} has `times` and `shape`: write one of them")
+    special = installed("scipy.special", "scipy", "pip install 'rvaft[risk]'")
+    return float(special.gammainc(leaf.times, mean))
+
+
+def _of_chain(solved: Chain, times: Sequence[float]) -> "Numbers":
+    found: Numbers = within(solved, times) @ solved.start(solved.machine.start())
+    return found
+
+
+def _mean_of_chain(solved: Chain) -> float:
+    start = solved.start(solved.machine.start())
+    means = mean_time(solved)
+    return float(sum(weight * mean for weight, mean in zip(start, means, strict=True) if weight))
+
+
+def _array(value: Any, count: int) -> "Numbers":
+    import numpy as np  # noqa: PLC0415 -- imported on use
+
+    return np.broadcast_to(np.asarray(value, dtype=float), (count,))
+
+
+def dynamic_parts(tree: RiskTree) -> frozenset[str]:
+    """Return the roots of the least independent parts that contain all gates in which order matters.
+
+    >>> import rvaft
+    >>> from rvaft.risk.model import of_tree
+    >>> sorted(dynamic_parts(of_tree(rvaft.loads("t or g c; g sand a b;"))))
+    ['g']
+    """
+    names = _closure(tree)
+    edges = {name: _needs(tree, name) for name in names}
+    restricted = {child for one in tree.restrictions for child in one.children}
+    dynamic = [name for name in names if (name in tree.gates and not tree.gates[name].op.static) or name in restricted]
+    if not dynamic:
+        return frozenset()
+    graph = nx.DiGraph()
+    graph.add_node(tree.root)
+    graph.add_edges_from((name, child) for name, children in edges.items() for child in children)
+    above = nx.immediate_dominators(graph, tree.root)
+    reach: dict[str, frozenset[str]] = {}
+    found: set[str] = set()
+    for name in dynamic:
+        part = name
+        while part != tree.root and not (part in tree.gates and _independent(graph, tree.root, part, reach)):
+            part = above[part]
+        found.add(part)
+    inside = {part: _reachable(graph, part) for part in found}
+    return frozenset(part for part in found if not any(part in inside[o] and part != o for o in found))
+
+
+def _closure(tree: RiskTree) -> list[str]:
+    found = dict.fromkeys([tree.root])
+    waiting = [tree.root]
+    while waiting:
+        for name in _needs(tree, waiting.pop()):
+            if name not in found:
+                found[name] = None
+                waiting.append(name)
+    return list(found)
+
+
+def _needs(tree: RiskTree, name: str) -> list[str]:
+    """Return what an element depends on: children, triggers, and what restricts it."""
+    found = [*tree.children(name)]
+    for one in tree.dependencies:
+        if name in one.dependents:
+            found += [one.trigger, *([] if one.coin is None else [one.coin])]
+    for restriction in tree.restrictions:
+        if name in restriction.children:
+            found += [other for other in restriction.children if other != name]
+    return found
+
+
+def _reachable(graph: "nx.DiGraph[str]", name: str) -> frozenset[str]:
+    return frozenset(nx.descendants(graph, name))
+
+
+def _independent(graph: "nx.DiGraph[str]", root: str, part: str, known: dict[str, frozenset[str]]) -> bool:
+    if part not in known:
+        inside = _reachable(graph, part)
+        outside = nx.descendants(nx.restricted_view(graph, [part], []), root)
+        known[part] = inside & outside
+    return not known[part]

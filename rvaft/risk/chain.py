@@ -144,7 +144,7 @@ class Machine:
         """Return the state before all events, in which no probability is decided."""
         first = [OPEN] * len(self._places)
         for place, leaf in self._leaves.items():
-            if self._chance(leaf) is None and not self._rate(leaf) and not self._is_dependent(leaf.name):
+            if self._chance(leaf) is None and leaf.numbers.rate == 0 and not self._is_dependent(leaf.name):
                 first[place] = SAFE
         return self._settled(tuple(first), ())
 
@@ -180,6 +180,16 @@ class Machine:
 
     def _is_dependent(self, name: str) -> bool:
         return any(name in one.dependents for one in self._dependencies)
+
+    def possible(self, state: State) -> Iterator[Leaf]:
+        """Yield the leaves of which an event can change the state, also those with a probability."""
+        if state[self._root] < 0:
+            return
+        for place, leaf in self._leaves.items():
+            cold = place in self._modules and leaf.numbers.dormancy == 0 and not self._active(state, place)
+            if state[place] >= 0 and not cold and self._may_happen(state, place):
+                if self._chance(leaf) != 0 and leaf.numbers.rate != 0:
+                    yield leaf
 
     def rates(self, state: State) -> Iterator[tuple[Leaf, float]]:
         """Yield the leaves of which an event can change the state, with the rates of these events."""
@@ -271,7 +281,7 @@ class Machine:
             self.number[name]
             for one in self._dependencies
             if state[self.number[one.trigger]] == FAILED
-            and (one.coin is None or state[self.number[one.coin]] == WON)
+            and (one.coin is None or state[self.number[one.coin]] in (WON, FAILED))
             for name in one.dependents
             if name in self.number and state[self.number[name]] not in (FAILED, FORGOTTEN)
         ]

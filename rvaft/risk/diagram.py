@@ -80,7 +80,7 @@ def diagram(tree: RiskTree, parts: frozenset[str], *, nodes: int = DEFAULT_NODES
     for one in tree.dependencies:
         for name in one.dependents:
             causes.setdefault(name, []).append((one.trigger, one.coin))
-    order = _walk(tree, parts, causes)
+    order = walk(tree, parts, causes)
     variables = [name for name in order if name in tree.leaves or name in parts]
     manager = oxidd.BDDManager(nodes, max(1024, nodes // 4), 1)
     manager.add_vars(len(variables))
@@ -105,7 +105,7 @@ def diagram(tree: RiskTree, parts: frozenset[str], *, nodes: int = DEFAULT_NODES
         raise TooLarge("nodes of a decision diagram", limit=nodes) from None
 
 
-def _walk(tree: RiskTree, parts: frozenset[str], causes: Mapping[str, Sequence[tuple[str, str | None]]]) -> list[str]:
+def walk(tree: RiskTree, parts: frozenset[str], causes: Mapping[str, Sequence[tuple[str, str | None]]]) -> list[str]:
     """Return the elements to build, each after those that it needs, from left to right."""
     found: dict[str, None] = {}
     entered: set[str] = set()

@@ -64,6 +64,10 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
         "serve": "Serve verdicts to ROSMonitoring over WebSocket.",
         "rosmonitoring": "Write a ROSMonitoring configuration for a tree.",
     },
+    "Risk": {
+        "cut-sets": "List the least sets of leaves that bring the root about.",
+        "risk": "Compute the probability of the root, and what matters to it.",
+    },
     "Translate": {
         "emit": "Write a specification of a tree in another language.",
         "backends": "List the specification languages.",

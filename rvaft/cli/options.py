@@ -17,7 +17,7 @@ import click
 from rvaft.backend import UnknownBackend, backend, speaking
 from rvaft.errors import OptionError, TooLarge
 from rvaft.language.draft import Draft
-from rvaft.language.parser import decoded, parse, parse_file
+from rvaft.language.parser import decoded, parse, parse_as_written, parse_file, parse_file_as_written
 from rvaft.model.event_time import duration
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
@@ -332,6 +332,13 @@ def read_draft(tree: str) -> Draft:
     if tree != "-":
         return parse_file(tree, **_reading())
     return parse(_standard_text(), "<stdin>", **_reading())
+
+
+def read_draft_as_written(tree: str) -> Draft:
+    """Parse a draft, as `read_draft` does, with Galileo's dynamic gates as they are written."""
+    if tree != "-":
+        return parse_file_as_written(tree, **_reading())
+    return parse_as_written(_standard_text(), "<stdin>", **_reading())
 
 
 def _reading() -> dict[str, Any]:

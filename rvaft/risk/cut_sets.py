@@ -150,22 +150,22 @@ class Families:
 
     def without(self, family: int, least: int) -> int:
         """Return the sets of a family that contain no set of `least`."""
-        if NONE in (family, least):
+        nodes = self.nodes
+        v, v1, v0 = nodes[family]
+        while nodes[least][0] < v:  # no set of the family has this variable
+            least = nodes[least][2]
+        if family == NONE or least == NONE:
             return family
         if least == UNIT or family == least:
             return NONE
-        if family == UNIT:
-            return UNIT
         key = (family, least)
         found = self._differences.get(key)
         if found is None:
-            (v, v1, v0), (w, w1, w0) = self.nodes[family], self.nodes[least]
+            w, w1, w0 = nodes[least]
             if v == w:
                 found = self._node(v, self.without(self.without(v1, w1), w0), self.without(v0, w0))
-            elif v < w:
-                found = self._node(v, self.without(v1, least), self.without(v0, least))
             else:
-                found = self.without(family, w0)
+                found = self._node(v, self.without(v1, least), self.without(v0, least))
             self._differences[key] = found
         return found
 

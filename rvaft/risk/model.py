@@ -5,7 +5,7 @@ observe; `rvaft.language.galileo` translates them for monitors.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from types import MappingProxyType
 from typing import Final, assert_never
@@ -16,6 +16,7 @@ from rvaft.language.galileo import is_galileo
 from rvaft.model.nodes import Causality, Gate, Kind, Node
 from rvaft.model.quantities import Quantities, WrongQuantity, quantities
 from rvaft.model.tree import RVAFT, find_cycle
+from rvaft.support.wording import did_you_mean
 
 
 class RiskError(RvaftError):
@@ -178,6 +179,23 @@ def below(tree: RiskTree, roots: Iterable[str]) -> list[str]:
             waiting.append((name, True))
             waiting.extend((child, False) for child in reversed(tree.children(name)) if child not in found)
     return list(found)
+
+
+def without(tree: RiskTree, name: str) -> RiskTree:
+    """Return the tree with an element that never happens; raises `RiskError` for an unknown or unused one.
+
+    >>> import rvaft
+    >>> form = of_tree(rvaft.loads("t or a b; a prob=.1; b prob=.2;"))
+    >>> without(form, "a").leaves["a"].numbers.chance
+    0.0
+    """
+    known = tree.order()
+    if name not in known:
+        raise RiskError(f"there is no node {name} below the root{did_you_mean(name, known)}")
+    gate, leaf = tree.gates.get(name), tree.leaves.get(name)
+    gone = replace(leaf or Leaf(name, name, Quantities(), once=True), numbers=Quantities(chance=0.0), times=1)
+    gates = {other: one for other, one in tree.gates.items() if other != name or gate is None}
+    return _reached(replace(tree, leaves={**tree.leaves, name: gone}, gates=gates))
 
 
 def of_tree(tree: RVAFT) -> RiskTree:

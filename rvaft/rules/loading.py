@@ -26,7 +26,7 @@ def loads(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> RV
     <RVAFT top: 3 nodes>
     """
     expect("the text of a tree", text, str, "a str")
-    return _checked(parse(text, file, **reading))
+    return checked(parse(text, file, **reading))
 
 
 @no_collections()
@@ -38,10 +38,11 @@ def load(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> RVAFT:
     <RVAFT top: 4 nodes>
     """
     expect("the path of a tree", path, str | os.PathLike, "a str or a path")
-    return _checked(parse_file(path, **reading))
+    return checked(parse_file(path, **reading))
 
 
-def _checked(draft: Draft) -> RVAFT:
+def checked(draft: Draft) -> RVAFT:
+    """Return the tree of a draft; raises `TreeError` for a broken rule."""
     _raise_first(check_draft(draft))
     tree = draft.build()
     try:

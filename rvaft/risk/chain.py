@@ -191,6 +191,13 @@ class Machine:
                 if self._chance(leaf) != 0 and leaf.numbers.rate != 0:
                     yield leaf
 
+    def excludes(self, state: State, name: str) -> bool:
+        """Whether the model excludes that a failure comes now: it has failed, or cannot fail yet."""
+        place = self.number[name]
+        if not self._leaves[place].once or state[self._root] < 0 or state[place] == FORGOTTEN:
+            return False
+        return all(leaf.name != name for leaf in self.possible(state))
+
     def rates(self, state: State) -> Iterator[tuple[Leaf, float]]:
         """Yield the leaves of which an event can change the state, with the rates of these events."""
         if state[self._root] < 0:

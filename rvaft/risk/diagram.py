@@ -4,13 +4,11 @@ Oxidd builds them, in the order in which a depth-first walk meets the leaves.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, assert_never
+from types import MappingProxyType
+from typing import Any, Final, NamedTuple, assert_never
 
 from rvaft.errors import TooLarge, installed
 from rvaft.risk.model import Op, RiskTree
-
-if TYPE_CHECKING:
-    import numpy as np
 
 DEFAULT_NODES: Final = 4_000_000
 """The default number of nodes of a diagram: about 100 MB."""
@@ -25,14 +23,19 @@ class Node(NamedTuple):
 
 
 class Diagram(NamedTuple):
-    """A function of variables: `nodes` has each node after its results; 0 and 1 are false and true.
+    """Functions of variables: `nodes` has each node after its results; 0 and 1 are false and true.
 
-    The node at place i of `nodes` has the number i + 2; `root` is the number of the whole.
+    The node at place i of `nodes` has the number i + 2; `roots` are the numbers of the elements asked for.
     """
 
     variables: tuple[str, ...]
     nodes: tuple[Node, ...]
-    root: int
+    roots: tuple[int, ...]
+
+    @property
+    def root(self) -> int:
+        """The number of the first element asked for, the root of the tree."""
+        return self.roots[0]
 
     def values(self, chances: Mapping[str, Any]) -> list[Any]:
         """Return the probability of each node, given that of each variable: numbers, or arrays of equal length."""
@@ -63,8 +66,18 @@ class Diagram(NamedTuple):
         return dict(zip(self.variables, found, strict=True))
 
 
-def diagram(tree: RiskTree, parts: frozenset[str], *, nodes: int = DEFAULT_NODES) -> Diagram:
-    """Return the diagram of a tree, with `parts` as variables beside the leaves.
+def diagram(
+    tree: RiskTree,
+    parts: frozenset[str],
+    *,
+    nodes: int = DEFAULT_NODES,
+    others: Sequence[str] = (),
+    chosen: Mapping[str, str] = MappingProxyType({}),
+) -> Diagram:
+    """Return the diagram of a tree, and of `others` of its elements, with `parts` as variables beside the leaves.
+
+    A leaf in `chosen` happens only if the variable that it names is true, too; these variables come
+    first.
 
     Gates that are no parts are static. A dependent happens, too, if its trigger does. Raises
     `TooLarge` beyond a number of nodes, and `ToolMissing` without oxidd.
@@ -81,7 +94,8 @@ def diagram(tree: RiskTree, parts: frozenset[str], *, nodes: int = DEFAULT_NODES
         for name in one.dependents:
             causes.setdefault(name, []).append((one.trigger, one.coin))
     order = walk(tree, parts, causes)
-    variables = [name for name in order if name in tree.leaves or name in parts]
+    variables = [chosen[name] for name in order if name in chosen]
+    variables += [name for name in order if name in tree.leaves or name in parts]
     manager = oxidd.BDDManager(nodes, max(1024, nodes // 4), 1)
     manager.add_vars(len(variables))
     number = {name: place for place, name in enumerate(variables)}
@@ -92,6 +106,8 @@ def diagram(tree: RiskTree, parts: frozenset[str], *, nodes: int = DEFAULT_NODES
             for name in order:
                 if name in number:
                     found = manager.var(number[name])
+                    if name in chosen:
+                        found = found & manager.var(number[chosen[name]])
                     for trigger, coin in causes.get(name, ()) if name in tree.leaves else ():
                         found = found | (made[trigger] if coin is None else made[trigger] & made[coin])
                 else:
@@ -100,7 +116,7 @@ def diagram(tree: RiskTree, parts: frozenset[str], *, nodes: int = DEFAULT_NODES
                 changed = changed or made[name] != found
                 made[name] = found
             if not causes or not changed:
-                return _flat(tuple(variables), made[tree.root], nodes)
+                return _flat(tuple(variables), [made[name] for name in (tree.root, *others)], nodes)
     except MemoryError:
         raise TooLarge("nodes of a decision diagram", limit=nodes) from None
 
@@ -147,14 +163,14 @@ def _gate(manager: Any, op: Op, need: int, parts: list[Any]) -> Any:
             assert_never(op)
 
 
-def _flat(variables: tuple[str, ...], root: Any, limit: int) -> Diagram:
+def _flat(variables: tuple[str, ...], roots: list[Any], limit: int) -> Diagram:
     place: dict[Any, int] = {}
     nodes: list[Node] = []
 
     def known(function: Any) -> int | None:
         return (1 if function.valid() else 0) if function.node_level() is None else place.get(function)
 
-    waiting = [root]
+    waiting = [*roots]
     while waiting:
         function = waiting[-1]
         if known(function) is not None:
@@ -172,6 +188,4 @@ def _flat(variables: tuple[str, ...], root: Any, limit: int) -> Diagram:
         nodes.append(Node(function.node_var(), at_high, at_low))
         if len(nodes) > limit:
             raise TooLarge("nodes of a decision diagram", limit=limit)
-    whole = known(root)
-    assert whole is not None
-    return Diagram(variables, tuple(nodes), whole)
+    return Diagram(variables, tuple(nodes), tuple([found for root in roots if (found := known(root)) is not None]))

@@ -4,7 +4,7 @@ Rates are constant, so what has happened is all that counts: a state of the chai
 the leaves seen outside of these. The numbers of a chain are solved once for all its states.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -12,7 +12,7 @@ from rvaft.core.pattern_index import FirstLiterals, flat
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.guards import Predicate, predicate
 from rvaft.model.guards import variables as guard_variables
-from rvaft.model.patterns import Pattern, rigid, ways
+from rvaft.model.patterns import Pattern, rigid, rigid_variables, ways
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, key
 from rvaft.risk.chain import DEFAULT_STATES, OPEN, Machine, State
@@ -99,6 +99,7 @@ class RiskMonitor:
     ) -> None:
         self._analysis = Analysis(form, states=states)
         self._horizon, self._limit = horizon, instances
+        self._ignored = ignoring(tree)
         diagram = self._analysis.diagram
         self._parts = tuple(name for name in diagram.variables if name in self._analysis.parts)
         self._lookups = tuple(Lookup(form, part, horizon, states) for part in self._parts)
@@ -107,8 +108,7 @@ class RiskMonitor:
             if leaf.numbers.shape != 1:
                 raise RiskError(f"the rate of {leaf.node} changes with time (`shape`): its risk depends on its age")
         self._all = tuple(self._leaves())
-        self._patterns = list(_patterns(tree, self._all))
-        self._ignores = [(tree.instantiate(one.on), None if one.when is None else predicate(one.when)) for one in tree.ignores]
+        self._patterns = list(leaf_patterns(tree, self._all))
         literals = [plain.literals if (plain := flat(one.pattern)) else {} for one in self._patterns]
         self._index = FirstLiterals(literals)
         self._time, self._latest = tree.time, None
@@ -152,7 +152,7 @@ class RiskMonitor:
             late, self._latest = self._time.is_late(event, self._latest)
             if late:
                 return self.risk
-        if not candidates or any(self._matches(*ignored, event) for ignored in self._ignores):
+        if not candidates or self._ignored(event):
             return self.risk
         read = [reading for number in candidates for reading in self._patterns[number].readings(event)]
         if not read:
@@ -175,9 +175,6 @@ class RiskMonitor:
         for joined, (values, found) in new.items():
             self._keep(joined, values, list(dict.fromkeys(found)))
         return self.risk
-
-    def _matches(self, pattern: Pattern, holds: Any, event: Json) -> bool:
-        return any(holds is None or holds(found) for found in ways(pattern, event, {}))
 
     def _keep(self, binding: Binding, values: dict[str, Json], states: list[int]) -> None:
         if binding not in self._states:
@@ -252,7 +249,7 @@ def _remaining(leaf: Leaf, count: int, horizon: float) -> float:
     return leaf_probability(Leaf(leaf.name, leaf.node, leaf.numbers, leaf.once, leaf.times - count), horizon)
 
 
-class _LeafPattern(NamedTuple):
+class LeafPattern(NamedTuple):
     """What shows a leaf: the pattern of its node, and the guard with its variables."""
 
     leaf: Leaf
@@ -260,7 +257,12 @@ class _LeafPattern(NamedTuple):
     guard: Predicate | None
     names: tuple[str, ...]
 
-    def readings(self, event: Json) -> "Iterator[tuple[_LeafPattern, Binding, dict[str, Json]]]":
+    @property
+    def variables(self) -> tuple[str, ...]:
+        """The variables that an event of the leaf binds."""
+        return rigid_variables(self.pattern)
+
+    def readings(self, event: Json) -> "Iterator[tuple[LeafPattern, Binding, dict[str, Json]]]":
         """Yield the values of the variables with which an event is one of the leaf's."""
         seen: set[Binding] = set()
         for found in ways(self.pattern, event, {}):
@@ -275,7 +277,19 @@ class _LeafPattern(NamedTuple):
         return self.guard is None or not all(name in values for name in self.names) or self.guard(values)
 
 
-def _patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[_LeafPattern]:
+def ignoring(tree: RVAFT) -> Callable[[Json], bool]:
+    """Return whether an event is one that the tree ignores."""
+    known = [(tree.instantiate(one.on), None if one.when is None else predicate(one.when)) for one in tree.ignores]
+
+    def ignored(event: Json) -> bool:
+        return any(
+            holds is None or holds(found) for pattern, holds in known for found in ways(pattern, event, {})
+        )
+
+    return ignored if known else lambda _: False
+
+
+def leaf_patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[LeafPattern]:
     """Yield the leaves that events show."""
     for leaf in leaves:
         node = tree.nodes.get(leaf.node)
@@ -285,7 +299,7 @@ def _patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[_LeafPattern]:
         if node.own_values:
             raise RiskError(f"{node.name} counts different values, which no rate describes: use --simulate")
         guard = tree.guard(leaf.node)
-        yield _LeafPattern(leaf, pattern, None if guard is None else predicate(guard), () if guard is None else guard_variables(guard))
+        yield LeafPattern(leaf, pattern, None if guard is None else predicate(guard), () if guard is None else guard_variables(guard))
 
 
 def _joined(one: Binding, other: Binding) -> Binding:

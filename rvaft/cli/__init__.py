@@ -67,6 +67,8 @@ _GROUPS: Final[dict[str, dict[str, str]]] = {
     "Risk": {
         "cut-sets": "List the least sets of leaves that bring the root about.",
         "risk": "Compute the probability of the root, and what matters to it.",
+        "attacks": "List attacks with cost, probability and damage.",
+        "rates": "Estimate the rates of the leaves from logs.",
     },
     "Translate": {
         "emit": "Write a specification of a tree in another language.",

@@ -13,6 +13,7 @@ from rvaft.api import translate
 from rvaft.cli import FAILED, Failures, log_options, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
+from rvaft.cli.risk_tree import Horizon, time_option
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.engine.monitor import Engine, repeating_engine
@@ -44,6 +45,7 @@ from rvaft.support.wording import listing
 
 if TYPE_CHECKING:
     from rvaft.cli.metrics import MetricsFile
+    from rvaft.cli.monitor_risk import RiskListener
     from rvaft.cli.native_run import NativeRun
 
 TERMINAL: Final = "-"
@@ -74,6 +76,7 @@ class MonitorCommand(TreesCommand):
         "Detections": ("repeat", "repeat_by", "cooldown", "key", "max_keys"),
         "Live logs": ("follow", "clock", "complete", "checkpoint", "checkpoint_every"),
         "Output": ("explain", "form", "detections", "template", "foxglove", "metrics"),
+        "Risk": ("risk", "risk_above"),
         "Reactions": ("execute", "exec_fault", "exec_attack"),
         "Speed and limits": ("native", "engine", "backend", "jobs", "max_configurations"),
     }
@@ -123,6 +126,8 @@ Examples:
   journalctl -f -o json | rvaft monitor guessing.rvaft --profile journald
 """
 _MERGE: Final = "Monitor all TRACEs as one, in the order of the times of their events."
+_RISK: Final = "After each event, the probability of a detection within this time, as in '1 h'."
+_ABOVE: Final = "With --risk and --exec: also run the command when the risk rises above this probability."
 _METRICS: Final = "Write counts of events and detections to FILE every 5 seconds, for Prometheus."
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
@@ -171,6 +176,8 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @log_options.strict_json
 @click.option("--merge", is_flag=True, help=_MERGE)
 @options.number("--jobs", default=1, text="Number of processes.")
+@time_option("--risk", "risk", _RISK)
+@click.option("--risk-above", type=click.FloatRange(0, 1), callback=options.finite, metavar="P", help=_ABOVE)
 @click.option("--exec", "execute", metavar="CMD", help="Run this command on each detection.")
 @click.option("--exec-fault", metavar="CMD", help="Run this command on each detection of a fault.")
 @click.option("--exec-attack", metavar="CMD", help="Run this command on each detection of an attack.")
@@ -233,6 +240,9 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
     drawing = None if given["explain"] == TERMINAL else given["explain"]
     options.require_writable(one for one in (drawing, given["checkpoint"], given["metrics"]) if one is not None)
     metrics = _metrics(given)
+    _check_risk(given)
+    hooks = Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]})
+    risks = [_risk(file, plan, given, hooks) for file, plan in zip(wholes, plans, strict=True)]
     settings = [
         MonitorSettings(
             plan,
@@ -247,15 +257,16 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             drawn=given["explain"] == TERMINAL,
             near=_has_near_misses(given, part) and engine is None and native_run is None,
             drawing=drawing,
-            hooks=Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]}),
+            hooks=hooks,
             checkpoints=checkpoints,
             engine=engine,
             native=native_run,
             others=() if metrics is None else (metrics.of(click.format_filename(file)),),
+            risk=risk,
             unchosen=given["semantics"] is None and whole.semantics is None and given["backend"] is None,
             many=many,
         )
-        for (file, whole), plan, part in zip(wholes.items(), plans, parts, strict=True)
+        for (file, whole), plan, part, risk in zip(wholes.items(), plans, parts, risks, strict=True)
     ]
     for one in settings if given["template"] is not None else ():
         with about(one.name, many=many):
@@ -280,6 +291,28 @@ def _metrics(given: Mapping[str, Any]) -> "MetricsFile | None":
     for name in ("native", "engine", "foxglove"):
         options.refuse(given[name], f"--metrics counts events one by one: omit --{name}")
     return MetricsFile(Path(given["metrics"]))
+
+
+def _check_risk(given: Mapping[str, Any]) -> None:
+    """Refuse what cannot follow a risk."""
+    options.refuse(given["risk_above"] is not None and not given["risk"], "--risk-above needs --risk")
+    options.refuse(given["risk_above"] is not None and not given["execute"], "--risk-above needs --exec")
+    if given["risk"] is None:
+        return
+    options.refuse(given["jobs"] > 1, "--risk follows the events in one process: omit --jobs")
+    for name in ("native", "engine", "backend", "foxglove", "checkpoint", "repeat_by", "order_by", "template"):
+        options.refuse(given[name], f"--risk follows the events of the engine one by one: omit --{name.replace('_', '-')}")
+    options.refuse(given["form"] in FORMS, f"--risk is for the formats {', '.join(REPORTERS)}, not for {given['form']}")
+
+
+def _risk(file: str, plan: MonitoringPlan, given: Mapping[str, Any], hooks: Hooks) -> "RiskListener | None":
+    """Return what follows the risk of a tree, if it is asked for."""
+    if given["risk"] is None:
+        return None
+    from rvaft.cli.monitor_risk import risk_listener  # noqa: PLC0415 -- imported on use
+
+    horizon: Horizon = given["risk"]
+    return risk_listener(file, plan, horizon, given["risk_above"], hooks)
 
 
 def _has_near_misses(given: Mapping[str, Any], part: RVAFT) -> bool:

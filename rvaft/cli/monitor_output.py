@@ -29,6 +29,7 @@ from rvaft.support.terminal import ProgressBar, columns, cut, readable_json, tak
 from rvaft.support.wording import counted
 
 if TYPE_CHECKING:
+    from rvaft.cli.monitor_risk import RiskListener
     from rvaft.cli.native_run import NativeRun
     from rvaft.diagnosis.recent_events import RecentEvents
 
@@ -147,6 +148,8 @@ class MonitorSettings:
     unchosen: bool = False
     template: str | None = None
     others: Sequence[Listener] = ()
+    risk: "RiskListener | None" = None
+    """What follows the risk, and notifies no reporter: these ask it."""
     many: bool = False
 
     @property
@@ -206,6 +209,18 @@ class Reporter(Listener):
         self.listed = 0
         """The number of keys whose missing events were listed."""
         self.totals: Totals | None = None
+        self.risk = settings.risk
+        self.every = self.every or self.risk is not None
+        self.whole = self.whole or self.risk is not None
+
+    def risks(self, watch: MonitoredTrace) -> dict[str, Json]:
+        """Return the risks for JSON, and what raises that of the tree most."""
+        if self.risk is None:
+            return {}
+        found: dict[str, Json] = {"risk": self.risk.of(watch)[0]}
+        if len(self.columns) > 1:
+            found["risks"] = {one.label: risk for one, risk in zip(self.columns, self.risk.of(watch), strict=True)}
+        return found | (self.risk.coming(watch) if self.risk.changed(watch) else {})
 
     def ends(self, change: VerdictChange) -> dict[int, Ended]:
         """Return why columns can no longer detect, for up to `ENDS` keys."""
@@ -250,7 +265,11 @@ class _JsonLines(Reporter):
         """
 
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:  # noqa: ARG002
-        self.events(watch, number, number, watch.monitors.verdicts)
+        if self.risk is None:
+            self.events(watch, number, number, watch.monitors.verdicts)
+        else:
+            record = self._record(watch, number, watch.monitors.verdicts) | self.risks(watch)
+            self.sink.write(f"{json.dumps(record)}\n")
 
     def events(self, watch: MonitoredTrace, first: int, last: int, verdicts: Sequence[Verdict]) -> None:
         if self._alike[:2] != (watch, verdicts):
@@ -273,6 +292,7 @@ class _JsonLines(Reporter):
             return
         record = {**self._record(change.watch, change.number, change.verdicts), "line": change.line}
         record |= {"passed": change.passed} if change.passed else {}
+        record |= self.risks(change.watch)
         if change.number <= self.reported_before:
             record["again"] = True
         details: dict[int, dict[str, Json]] = {column: {} for column in change.columns}
@@ -307,11 +327,23 @@ class _Text(Reporter):
     def event(self, watch: MonitoredTrace, number: int, event: Json) -> None:
         if self._recent is not None:
             self._recent.event(watch, number, event)
+        if self.risk is not None and self.risk.changed(watch):
+            self.sink.line(f"{self.where(watch)}event {number}: {self._risk(watch)}")
 
     def change(self, change: VerdictChange) -> None:
         if self._recent is not None:
             self._recent.change(change)
         self.sink.line(*self.lines(change, self.where(change.watch)))
+
+    def _risk(self, watch: MonitoredTrace) -> str:
+        """Return the risk in words."""
+        assert self.risk is not None
+        risks = self.risk.of(watch)
+        parts = [f"{one.title} {risk:.6g}" for one, risk in zip(self.columns, risks, strict=True)][1:]
+        outlook = self.risk.outlook(watch)
+        values = "".join(f", {name} = {_short(value)}" for name, value in outlook.values.items())
+        coming = f"; {outlook.next[0].leaf} would raise it to {outlook.next[0].risk:.6g}" if outlook.next else ""
+        return f"risk {risks[0]:.6g} within {self.risk.horizon.text}{''.join(f', {one}' for one in parts)}{values}{coming}"
 
     def end(self, watch: MonitoredTrace) -> None:
         if watch.key is not None or self.settings.many:
@@ -420,7 +452,8 @@ class _Table(_Text):
     every, whole, sums, each_key = True, True, False, True
 
     def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002
-        self._rows: list[tuple[str, ...]] = [("EVENT", *(column.title for column in self.columns))]
+        risk = () if self.risk is None else ("RISK",)
+        self._rows: list[tuple[str, ...]] = [("EVENT", *(column.title for column in self.columns), *risk)]
         self._left_out = 0
         self._reasons: list[str] = []
 
@@ -428,7 +461,8 @@ class _Table(_Text):
         if number > MOST:
             self._left_out += 1
         else:
-            self._rows.append((_json(event), *(verdict.symbol for verdict in watch.monitors.verdicts)))
+            risk = () if self.risk is None else (f"{self.risk.of(watch)[0]:.6g}",)
+            self._rows.append((_json(event), *(verdict.symbol for verdict in watch.monitors.verdicts), *risk))
 
     def change(self, change: VerdictChange) -> None:
         self._note_left_out()
@@ -446,7 +480,7 @@ class _Table(_Text):
 
     def _note_left_out(self) -> None:
         if self._left_out:
-            self._rows.append((f"({self._left_out} more)", *("" for _ in self.columns)))
+            self._rows.append((f"({self._left_out} more)", *("" for _ in self._rows[0][1:])))
             self._left_out = 0
 
 

@@ -221,7 +221,8 @@ class _WatchedTree:
         self.reporter.totals = self.totals
         self.reaction = _OnDetection(settings, sink, deliver=deliver)
         reacts = bool(settings.hooks) or settings.drawing is not None
-        self.listeners = [first, *settings.others, self.reporter, *([self.reaction] if reacts else [])]
+        risk = [] if settings.risk is None else [settings.risk]
+        self.listeners = [first, *settings.others, *risk, self.reporter, *([self.reaction] if reacts else [])]
 
     def run(self, trace: TraceSource) -> TraceRun:
         """Return a new run over a trace."""

@@ -4,7 +4,6 @@ import csv
 import io
 import json
 import math
-import re
 import sys
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
@@ -12,73 +11,16 @@ from typing import Any, Final
 import click
 
 from rvaft.cli import options, warn
-from rvaft.core.restriction import restrict
-from rvaft.errors import OptionError, TooLarge
-from rvaft.model.event_time import UNITS, duration
+from rvaft.cli.risk_tree import Horizon, number_text, risk_tree, time_option
+from rvaft.errors import RvaftError
 from rvaft.model.nodes import Kind
-from rvaft.model.quantities import NANOSECONDS
 from rvaft.risk.cut_sets import CutSet, CutSets
-from rvaft.risk.model import RiskTree, of_draft, of_tree, without
+from rvaft.risk.model import RiskTree, without
 from rvaft.risk.probability import Analysis, Importance, leaf_probability
-from rvaft.rules.loading import checked
 from rvaft.support.wording import counted
 
-_TIME: Final = "The time at which to ask, as in '1000 h'; a number alone if the rates have no unit."
 _POINTS: Final = 1000
 _CHART: Final = 50
-
-
-class Horizon:
-    """A time as the user wrote it: `value` is in the unit of the rates, which is seconds if they have units."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text.strip()
-        self.timed = not re.fullmatch(r"[0-9.eE+-]+", self.text)
-        if self.timed:
-            self.value = duration(self.text) / NANOSECONDS
-            self._unit = re.sub(r"[0-9.eE+\s-]", "", self.text)
-        else:
-            try:
-                self.value = float(self.text)
-            except ValueError:
-                self.value = -1.0
-            self._unit = ""
-        if not 0 <= self.value < math.inf:
-            raise OptionError(f"{text!r} is no time: write a number and a unit, as in '1000 h', or a number alone")
-
-    def require(self, unit: str | None) -> None:
-        """Raise `OptionError` if the rates have units and the time has none, or the other way round."""
-        if unit is not None and self.timed != (unit == "s"):
-            units = ", ".join(UNITS)
-            has, asked = ("units", f"a time with a unit ({units})") if unit else ("no unit", "a number alone")
-            raise OptionError(f"the rates of the tree have {has}: write --time as {asked}, not {self.text!r}")
-
-    def shown(self, value: float) -> str:
-        """Return a time, of the unit of the rates, in the unit that the user wrote."""
-        if not self._unit:
-            return _number(value)
-        return f"{_number(value * NANOSECONDS / UNITS[self._unit])} {self._unit}"
-
-
-def _horizon(_context: object, _parameter: object, text: str | None) -> Horizon | None:
-    try:
-        return None if text is None else Horizon(text)
-    except OptionError as error:
-        raise click.BadParameter(str(error)) from None
-
-
-def risk_tree(tree: str, *, branch: int | None = None, kind: Kind | None = None) -> RiskTree:
-    """Read a tree for an analysis: dynamic gates of Galileo keep their own meaning."""
-    draft = options.read_draft_as_written(tree)
-    if any(use.value.dynamic for node in draft.nodes.values() for use in node.gates):
-        options.refuse(branch is not None or kind is not None, "dynamic gates of Galileo have no branches or kinds")
-        return of_draft(draft)
-    whole = checked(draft)
-    return of_tree(whole if branch is None and kind is None else restrict(whole, branch=branch, kind=kind))
-
-
-def _number(value: float) -> str:
-    return f"{value:.10g}"
 
 
 def _rows(rows: Iterable[Sequence[object]]) -> str:
@@ -101,7 +43,7 @@ def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 @options.number("--max-order", least=0, text="Only sets of at most this many events.")
 @options.number("--limit", default=100, least=0, text="Maximum number of sets to list.")
 @click.option("--most-probable", is_flag=True, help="List the most probable sets, with their probabilities.")
-@click.option("--time", "horizon", callback=_horizon, metavar="TIME", help=_TIME)
+@time_option("--time", "horizon")
 @click.option("--without", "gone", multiple=True, metavar="NODE", help="As if this node never happened; repeatable.")
 @options.output_format("text", "json", "csv", "tex")
 def cut_sets_command(
@@ -182,7 +124,7 @@ def _cut_sets_text(found: CutSets, listed: list[tuple[CutSet, float | None]]) ->
         lines += [f"  {kinds[key]:,} {text}" for text, key in named.items() if kinds[key]]
     lines.append("")
     for number, (one, p) in enumerate(listed, 1):
-        chance = "" if p is None else f"{_number(p)}  "
+        chance = "" if p is None else f"{number_text(p)}  "
         order = "".join(f"  ({text})" for text in _order_texts(one))
         single = "  single point of failure" if one.order == 1 else ""
         lines.append(f"{number:>4}  {chance}{', '.join(one.leaves)}{order}{single}")
@@ -217,7 +159,7 @@ def _cut_sets_tex(listed: list[tuple[CutSet, float | None]]) -> str:
     for one, p in listed:
         order = "".join(f" ({escaped(text)})" for text in _order_texts(one))
         names = ", ".join(map(escaped, one.leaves))
-        lines.append(rf"{one.order} & {'--' if p is None else _number(p)} & {names}{order} \\")
+        lines.append(rf"{one.order} & {'--' if p is None else number_text(p)} & {names}{order} \\")
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
 
 
@@ -227,7 +169,7 @@ def _cut_sets_tex(listed: list[tuple[CutSet, float | None]]) -> str:
 @click.command("risk")
 @options.tree_argument
 @options.part_options
-@click.option("--time", "horizon", callback=_horizon, metavar="TIME", help=_TIME)
+@time_option("--time", "horizon")
 @options.number("--curve", least=1, most=_POINTS, text="Probabilities at this many equal steps up to --time.")
 @click.option("--importance", is_flag=True, help="How much each leaf matters, the most important first.")
 @click.option("--without", "gone", multiple=True, metavar="NODE", help="As if this node never happened; repeatable.")
@@ -272,7 +214,11 @@ def risk_command(
 
 def _write_risk(analysis: Analysis, horizon: Horizon | None, time: float, form: str) -> None:
     probability = analysis.at(time)
-    mean = analysis.mean_time() if analysis.unit is not None else None
+    mean, why = None, ""
+    try:
+        mean = analysis.mean_time() if analysis.unit is not None else None
+    except RvaftError as error:
+        why = f"not computed: {error}"
     chains = {part: len(solved.index) for part, solved in analysis.chains.items()}
     if form == "json":
         found = {"root": analysis.tree.root, "time": time if horizon else None, "probability": probability}
@@ -283,9 +229,11 @@ def _write_risk(analysis: Analysis, horizon: Horizon | None, time: float, form: 
         sys.stdout.write(_rows([("time", "probability"), (time, repr(probability))]))
         return
     by = f" by {horizon.text}" if horizon else ""
-    lines = [(f"P({analysis.tree.root}{by})", _number(probability))]
-    if mean is not None and horizon is not None:
-        lines.append(("mean time to it", horizon.shown(mean) if math.isfinite(mean) else "infinite: it may never happen"))
+    lines = [(f"P({analysis.tree.root}{by})", number_text(probability))]
+    if horizon is not None and mean is not None and math.isfinite(mean):
+        lines.append(("mean time to it", horizon.shown(mean)))
+    elif why or mean is not None:
+        lines.append(("mean time to it", why or "infinite: it may never happen"))
     lines += [(f"Markov chain of {part}", counted(states, "state")) for part, states in chains.items()]
     sys.stdout.write("\n".join(_aligned(lines)) + "\n")
 
@@ -303,7 +251,7 @@ def _write_curve(analysis: Analysis, horizon: Horizon, points: int, form: str) -
         sys.stdout.write(_rows([("time", "probability"), *((repr(t), repr(p)) for t, p in zip(times, found, strict=True))]))
     else:
         most = max(found) or 1.0
-        rows = [(horizon.shown(t), _number(p), "█" * round(_CHART * p / most)) for t, p in zip(times, found, strict=True)]
+        rows = [(horizon.shown(t), number_text(p), "█" * round(_CHART * p / most)) for t, p in zip(times, found, strict=True)]
         sys.stdout.write("\n".join(_aligned([("time", "probability", ""), *rows])) + "\n")
 
 
@@ -329,5 +277,5 @@ def _write_importance(found: list[Importance], form: str) -> None:
     elif form == "csv":
         sys.stdout.write(_rows([[*_MEASURES.values()], *[["" if v is None else v for v in row] for row in values]]))
     else:
-        texts = [["" if v is None else v if isinstance(v, str) else _number(v) for v in row] for row in values]
+        texts = [["" if v is None else v if isinstance(v, str) else number_text(v) for v in row] for row in values]
         sys.stdout.write("\n".join(_aligned([[*_MEASURES.values()], *texts])) + "\n")

@@ -466,3 +466,13 @@ def _reached(form: RiskTree) -> RiskTree:
 def leaves_below(tree: RiskTree, name: str) -> Iterator[Leaf]:
     """Yield the leaves at or below an element, from left to right."""
     return (tree.leaves[one] for one in below(tree, [name]) if one in tree.leaves)
+
+def later_leaves(form: RiskTree) -> set[str]:
+    """Return the leaves whose clock starts with a later part of a sequence."""
+    return {
+        name
+        for gate in form.gates.values()
+        if gate.op is Op.SEQUENCE
+        for child in gate.children[1:]
+        for name in below(form, [child])
+    }

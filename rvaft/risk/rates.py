@@ -8,7 +8,7 @@ from rvaft.errors import installed
 from rvaft.model.quantities import NANOSECONDS
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.risk.model import Op, RiskError, RiskTree, below
+from rvaft.risk.model import RiskError, RiskTree, later_leaves
 from rvaft.risk.runtime import LeafPattern, ignoring, leaf_patterns
 
 CONFIDENCE: Final = 0.95
@@ -67,7 +67,7 @@ class RateEstimate:
         for leaf in leaves:
             if leaf.name not in self._patterns:
                 self._late[leaf.name] = "no event shows it"
-            elif leaf.once and leaf.name in _later(form):
+            elif leaf.once and leaf.name in later_leaves(form):
                 self._late[leaf.name] = "it is a failure whose clock starts with a later part of a sequence"
             elif not set(self._patterns[leaf.name].names) <= set(self._patterns[leaf.name].variables):
                 self._late[leaf.name] = "its guard compares values of other events"
@@ -125,14 +125,3 @@ class RateEstimate:
             yield Rate(
                 leaf.node, seen.events, seen.seconds, seen.events / seen.seconds, low / seen.seconds, high / seen.seconds
             )
-
-
-def _later(form: RiskTree) -> set[str]:
-    """Return the leaves whose clock starts with a later part of a sequence."""
-    return {
-        name
-        for gate in form.gates.values()
-        if gate.op is Op.SEQUENCE
-        for child in gate.children[1:]
-        for name in below(form, [child])
-    }

@@ -6,16 +6,17 @@ the leaves seen outside of these. The numbers of a chain are solved once for all
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.pattern_index import FirstLiterals, flat
-from rvaft.errors import TooLarge, TreeError
+from rvaft.errors import TooLarge
 from rvaft.model.guards import Predicate, predicate
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, rigid, rigid_variables, ways
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, key
-from rvaft.risk.chain import DEFAULT_STATES, OPEN, Machine, State
+from rvaft.monitors import twin
+from rvaft.risk.chain import DEFAULT_STATES, Machine, State
 from rvaft.risk.model import Leaf, RiskError, RiskTree
 from rvaft.risk.probability import Analysis, leaf_probability
 from rvaft.risk.transient import chain, within
@@ -111,21 +112,31 @@ class RiskMonitor:
         self._patterns = list(leaf_patterns(tree, self._all))
         literals = [plain.literals if (plain := flat(one.pattern)) else {} for one in self._patterns]
         self._index = FirstLiterals(literals)
-        self._time, self._latest = tree.time, None
+        self._time = tree.time
         self._place = {leaf.name: place for place, leaf in enumerate(self._others)}
         self._part_of = {leaf.name: place for place, one in enumerate(self._lookups) for leaf in one.machine.leaves}
         self._wholes: list[Whole] = []
         self._ids: dict[Whole, int] = {}
         self._risks: list[float | None] = []
         self._moves: dict[tuple[int, str], int] = {}
-        start = self._id((tuple([one.machine.start() for one in self._lookups]), (0,) * len(self._others)))
+        self._first = self._id((tuple([one.machine.start() for one in self._lookups]), (0,) * len(self._others)))
+        self._begin()
+
+    def _begin(self) -> None:
+        self._latest: int | None = None
         self._values: dict[Binding, dict[str, Json]] = {(): {}}
-        self._states: dict[Binding, list[int]] = {(): [start]}
+        self._states: dict[Binding, list[int]] = {(): [self._first]}
         self._groups = _Groups()
         self._groups.add(())
         self.contradictions = 0
         """The number of events that the model excludes."""
-        self._best: tuple[float, Binding, int] = (self._risk(start), (), start)
+        self._best: tuple[float, Binding, int] = (self._risk(self._first), (), self._first)
+
+    def fresh(self) -> Self:
+        """Return a monitor that has read no event, and shares what is solved."""
+        made = twin(self)
+        made._begin()  # noqa: SLF001 (its own)
+        return made
 
     def _id(self, whole: Whole) -> int:
         found = self._ids.get(whole)

@@ -68,13 +68,13 @@ class Simulation:
         self._timed = form.unit == "s"
         self._time = tree.time
         leaves = [form.leaves[name] for name in form.order() if name in form.leaves]
-        self._patterns = list(leaf_patterns(tree, leaves))
-        shown = {one.leaf.name for one in self._patterns}
+        self.patterns = list(leaf_patterns(tree, leaves))
+        shown = {one.leaf.name for one in self.patterns}
         for leaf in leaves:
             if leaf.name not in shown and not leaf.guard:
                 raise RiskError(f"no event shows {leaf.node}, so a simulated log cannot have it")
-        self._events = {one.leaf.name: self._event(one) for one in self._patterns}
-        self._leaves = [one.leaf for one in self._patterns]
+        self.events = {one.leaf.name: self._event(one) for one in self.patterns}
+        self._leaves = [one.leaf for one in self.patterns]
 
     def _event(self, one: LeafPattern) -> dict[str, Json]:
         values: dict[str, Json] = {}
@@ -108,7 +108,7 @@ class Simulation:
         for _ in range(samples):
             copy = monitor.fork()
             for at, leaf in self._drawn(random, horizon, seen):
-                if copy.step(self._stamped(self._events[leaf.name], now, at)).final:
+                if copy.step(self._stamped(self.events[leaf.name], now, at)).final:
                     break
             if not copy.verdict.final and self._time is not None:
                 copy.decide(now + round(horizon * NANOSECONDS))

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 _MOST_WORK: Final = 20_000_000_000
 """The numbers that may be multiplied, about a minute."""
+_CALL: Final = 5_000
+"""What one step costs beside its numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,43 +105,91 @@ def within(chain: Chain, times: Sequence[float]) -> "np.ndarray[Any, Any]":
     Raises `TooLarge` if the rates are too high for the times.
     """
     import numpy as np  # noqa: PLC0415 -- imported on use
-    from scipy.sparse import diags, identity  # noqa: PLC0415 -- imported on use
 
-    found = np.zeros((len(times), len(chain.index)))
+    target = np.zeros(len(chain.index))
     if chain.top is None:
-        return found
+        return np.zeros((len(times), len(chain.index)))
+    target[chain.top] = 1.0
+    return reached(chain.moves, target, times, sum(leaf.times for leaf in chain.machine.leaves))
+
+
+def from_start(chain: Chain, state: State, times: Sequence[float]) -> "np.ndarray[Any, Any]":
+    """Return the probability that the root happens within each time, from one state of the machine.
+
+    Raises `TooLarge` if the rates are too high for the times.
+    """
+    import numpy as np  # noqa: PLC0415 -- imported on use
+
+    if chain.top is None or not len(times):
+        return np.zeros(len(times))
+    now = chain.start(state)
     fastest = float(chain.leaving.max(initial=0.0))
-    now = np.zeros(len(chain.index))
-    now[chain.top] = 1.0
     if not fastest:
-        return found + now
-    longest = max(times, default=0.0) * fastest
-    if (longest + 10 * math.sqrt(longest) + 50) * (chain.moves.nnz + len(chain.index)) > _MOST_WORK:
-        raise TooLarge("steps of a chain, because its rates are high for this time", limit=_MOST_WORK)
-    step = chain.moves / fastest + identity(len(chain.index), format="csr") - diags(chain.leaving / fastest)
-    step = step.tocsr()
+        return np.full(len(times), now[chain.top])
+    step = _step(chain.moves, fastest, max(times)).T.tocsr()
     depth = sum(leaf.times for leaf in chain.machine.leaves)
     weights = [_poisson(time * fastest, depth) for time in times]
-    for count in range(max(map(len, weights), default=0)):
-        for place, weight in enumerate(weights):
-            if count < len(weight):
-                found[place] += weight[count] * now
+    most = max(first + len(weight) for first, weight in weights)
+    inside = np.empty(most)
+    for count in range(most):
+        inside[count] = now[chain.top]
+        now = step @ now
+    found = [float(weight @ inside[first : first + len(weight)]) for first, weight in weights]
+    return np.minimum(np.array(found), 1.0)
+
+
+def reached(
+    moves: Any, target: "np.ndarray[Any, Any]", times: Sequence[float], depth: int
+) -> "np.ndarray[Any, Any]":
+    """Return the probabilities to be in a state of `target` at each time, from each state: (times, states).
+
+    `target` is 1 for states without moves that are asked for, else 0. `moves` is a sparse matrix of
+    rates, and `depth` bounds the number of moves by which the target is reached, if it is. Raises
+    `TooLarge` if the rates are too high for the times.
+    """
+    import numpy as np  # noqa: PLC0415 -- imported on use
+
+    found = np.zeros((len(times), len(target)))
+    fastest = float(np.asarray(moves.sum(axis=1)).max(initial=0.0))
+    if not fastest or not len(times):
+        return found + target
+    step = _step(moves, fastest, max(times))
+    weights = [_poisson(time * fastest, depth) for time in times]
+    now = target
+    for count in range(max(first + len(weight) for first, weight in weights)):
+        for place, (first, weight) in enumerate(weights):
+            if first <= count < first + len(weight):
+                found[place] += weight[count - first] * now
         now = step @ now
     return np.minimum(found, 1.0)
 
 
-def _poisson(mean: float, depth: int) -> "np.ndarray[Any, Any]":
-    """Return the probabilities of 0, 1, 2, … events, as far as they matter.
+def _step(moves: Any, fastest: float, longest: float) -> Any:
+    """Return the matrix of one step at the fastest rate; raises `TooLarge` for too many steps."""
+    import numpy as np  # noqa: PLC0415 -- imported on use
+    from scipy.sparse import diags, identity  # noqa: PLC0415 -- imported on use
 
-    No term of the sum falls as the number grows but by these; the first that counts is at most
-    `depth`, and 60 terms after it the rest is below 1e-16 of it. Ratios to the largest are multiplied,
-    because that keeps the relative error of each small.
+    steps, size = longest * fastest, moves.shape[0]
+    if (steps + 10 * math.sqrt(steps) + 50) * (moves.nnz + size + _CALL) > _MOST_WORK:
+        raise TooLarge("steps of a chain, because its rates are high for this time", limit=_MOST_WORK)
+    leaving = np.asarray(moves.sum(axis=1)).ravel()
+    return (moves / fastest + identity(size, format="csr") - diags(leaving / fastest)).tocsr()
+
+
+def _poisson(mean: float, depth: int) -> "tuple[int, np.ndarray[Any, Any]]":
+    """Return the probabilities of numbers of events from a first number on, as far as they matter.
+
+    The terms of the sums do not fall as the number grows but by these. So the numbers far below the
+    mean do not matter, and the first term that counts is at most `depth`; 60 terms later the rest is
+    below 1e-16 of it. Ratios to the largest are multiplied, which keeps the relative error of each
+    small.
     """
     import numpy as np  # noqa: PLC0415 -- imported on use
 
-    last = int(mean + 10 * math.sqrt(mean)) + depth + 60
+    width = int(10 * math.sqrt(mean)) + 60
     mode = int(mean)
+    first, last = max(0, mode - width), mode + width + depth
     up = np.cumprod(mean / np.arange(mode + 1, last + 1, dtype=float))
-    down = np.cumprod(np.arange(mode, 0, -1, dtype=float) / mean)[::-1] if mode else np.zeros(0)
+    down = np.cumprod(np.arange(mode, first, -1, dtype=float) / mean)[::-1] if mode > first else np.zeros(0)
     found = np.concatenate([down, [1.0], up])
-    return found / found.sum()
+    return first, found / found.sum()

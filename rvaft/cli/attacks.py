@@ -1,0 +1,84 @@
+"""`rvaft attacks`: minimal attacks, and what attackers gain for what they spend."""
+
+import csv
+import io
+import json
+import sys
+from typing import Final
+
+import click
+
+from rvaft.cli import options
+from rvaft.cli.risk_tree import Horizon, number_text, risk_tree, time_option
+from rvaft.model.nodes import Kind
+from rvaft.risk.attacks import Attack, Attacks
+from rvaft.risk.model import without
+from rvaft.support.terminal import columns
+
+_BY: Final = ("cheapest", "most-probable", "front", "damage-front")
+_LIST: Final = (
+    "Minimal attacks, the cheapest or the most probable first, or the attacks that no other beats in cost and "
+    "probability, or in cost, probability and damage."
+)
+
+
+@click.command("attacks")
+@options.tree_argument
+@options.part_options
+@options.choice("--list", "by", words=_BY, default="cheapest", text=_LIST)
+@time_option("--time", "horizon")
+@options.number("--max-order", least=1, text="Only minimal attacks of sets of at most this many leaves.")
+@options.number("--limit", default=100, least=1, text="Maximum number of minimal attacks to list.")
+@click.option("--without", "gone", multiple=True, metavar="NODE", help="As if this node never happened; repeatable.")
+@options.output_format("text", "json", "csv")
+def attacks_command(
+    *,
+    tree: str,
+    branch: int | None,
+    kind: Kind | None,
+    by: str,
+    horizon: Horizon | None,
+    max_order: int | None,
+    limit: int,
+    gone: tuple[str, ...],
+    form: str,
+) -> int:
+    """List attacks with cost, probability and expected damage.
+
+    A step of an attack is a leaf with cost=C; it succeeds with its prob=P, or for certain. Other
+    leaves are faults with prob=P or lambda=RATE, which nobody chooses. A node with damage=D hurts when
+    it happens.
+    """
+    given = risk_tree(tree, branch=branch, kind=kind)
+    for name in gone:
+        given = without(given, name)
+    options.refuse(horizon is None and given.unit is not None, "the tree has rates: say --time TIME")
+    if horizon is not None:
+        horizon.require(given.unit)
+    attacks = Attacks(given, None if horizon is None else horizon.value)
+    if by in ("front", "damage-front"):
+        found = attacks.front(damage=by == "damage-front")
+    else:
+        found = attacks.minimal(limit, order=max_order, by="cost" if by == "cheapest" else "probability")
+    sys.stdout.write(_written(found, form))
+    return 0
+
+
+def _written(found: list[Attack], form: str) -> str:
+    if form == "json":
+        rows = [
+            {"steps": one.steps, "cost": one.cost, "probability": one.probability, "damage": one.damage} for one in found
+        ]
+        return json.dumps(rows, indent=2) + "\n"
+    if form == "csv":
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(("cost", "probability", "damage", "steps"))
+        writer.writerows((one.cost, repr(one.probability), repr(one.damage), " ".join(one.steps)) for one in found)
+        return stream.getvalue()
+    rows_ = [("COST", "PROBABILITY", "DAMAGE", "STEPS")]
+    rows_ += [
+        (number_text(one.cost), number_text(one.probability), number_text(one.damage), ", ".join(one.steps) or "(none)")
+        for one in found
+    ]
+    return "".join(f"{line}\n" for line in columns(rows_))

@@ -75,7 +75,7 @@ def cut_sets_command(
     else:
         listed = [(one, None) for one in found.listed(limit)]
     if not found.complete:
-        warn(f"only sets of at most {counted(max_order or 0)} were sought: there are larger ones")
+        warn(f"only sets of at most {counted(max_order or 0)} were sought: there may be larger ones")
     match form:
         case "json":
             sys.stdout.write(json.dumps(_cut_sets_json(found, listed), indent=2) + "\n")

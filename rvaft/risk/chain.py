@@ -244,7 +244,7 @@ class Machine:
         left = list(state)
         for place in events:
             self._counted(left, place)
-        together = self._together(state, left)
+        together = self._together(state, [*left])
         if not self._dependencies:
             return self._tidy(together)
         outcomes = {self._tidy(together)}

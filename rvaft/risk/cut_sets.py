@@ -268,7 +268,7 @@ class CutSets:
 
     @property
     def complete(self) -> bool:
-        """Whether no set was left out for its order."""
+        """Whether it is certain that no set was left out for its order."""
         return not self.families.cut
 
     def _build(self, order: int | None) -> int:

@@ -110,7 +110,9 @@ def within(chain: Chain, times: Sequence[float]) -> "np.ndarray[Any, Any]":
     if chain.top is None:
         return np.zeros((len(times), len(chain.index)))
     target[chain.top] = 1.0
-    return reached(chain.moves, target, times, sum(leaf.times for leaf in chain.machine.leaves))
+    found = reached(chain.moves, target, times, sum(leaf.times for leaf in chain.machine.leaves))
+    found[:, chain.top] = 1.0  # and not one rounding less
+    return found
 
 
 def from_start(chain: Chain, state: State, times: Sequence[float]) -> "np.ndarray[Any, Any]":

@@ -1,0 +1,134 @@
+"""The risk given a log: known values, the verdicts of the monitor, and the states of the monitor itself."""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rvaft
+from rvaft.risk.model import RiskError, of_tree
+from rvaft.risk.monitor_states import MonitorStates
+from rvaft.risk.probability import Analysis
+from rvaft.risk.runtime import RiskMonitor
+from tests.risk.forms import form
+
+pytest.importorskip("oxidd")
+
+
+def watching(text: str, horizon: float = 1.0, *, galileo: bool = False) -> RiskMonitor:
+    tree = rvaft.loads(text, "t.dft" if galileo else "t.rvaft")
+    return RiskMonitor(tree, form(text, galileo=galileo), horizon)
+
+
+def risks(text: str, word: str, horizon: float = 1.0, *, galileo: bool = False) -> list[float]:
+    monitor = watching(text, horizon, galileo=galileo)
+    return [monitor.risk, *(monitor.step({"event": name}) for name in word)]
+
+
+def test_known_values() -> None:
+    assert risks("t sand x y; x lambda=.5; y lambda=.2;", "x")[-1] == pytest.approx(0.1812692469)
+    text = 'event e(n) = {event: n}; t 2of3 x y z; x on e("x") lambda=.5; y lambda=.2; z lambda=.1;'
+    assert risks(text, "xx")[-1] == pytest.approx(0.2591817793)
+
+
+MOTORBIKE = (
+    'toplevel "t"; "t" or "f" "r" "e"; "f" wsp "fw" "s"; "r" wsp "rw" "s"; "e" lambda=.2; "fw" lambda=1; "rw" lambda=1; '
+    '"s" lambda=1 dorm=0;'
+)
+
+
+def test_an_event_that_the_model_excludes_changes_nothing_and_is_counted() -> None:
+    monitor = watching("t and x y; x lambda=.5; y lambda=.2;")
+    first = monitor.step({"event": "x"})
+    assert monitor.step({"event": "x"}) == first
+    assert monitor.contradictions == 1
+    assert monitor.step({"event": "other"}) == first
+    assert monitor.contradictions == 1
+
+
+def test_what_raises_the_risk_most_is_told() -> None:
+    text = "t or g z2; g and x y z; z2 lambda=.001; x lambda=.5; y lambda=.2; z lambda=.1;"
+    outlook = watching(text).outlook()
+    after = {name: risks(text, [name])[-1] for name in ("x", "y", "z", "z2")}  # type: ignore[arg-type]
+    assert [one.leaf for one in outlook.next] == sorted(after, key=lambda name: -after[name])
+    assert [one.risk for one in outlook.next] == pytest.approx(sorted(after.values(), reverse=True))
+
+
+def test_the_most_advanced_match_is_told_with_its_values() -> None:
+    text = (
+        'event e(n, u) = {event: n, user: u}; t sand x y; x on e("x", U) lambda=.5; y on e("y", U) lambda=.2;'
+    )
+    monitor = watching(text)
+    events = [("y", "a"), ("x", "a"), ("x", "b"), ("y", "c"), ("y", "b")]
+    found = [monitor.step({"event": name, "user": user}) for name, user in events]
+    assert found == pytest.approx([0.0398025, 0.1812692, 0.1812692, 0.1812692, 1.0], rel=1e-6)
+    assert monitor.outlook().values == {"U": "b"}
+
+
+@st.composite
+def trees(draw: st.DrawFn) -> str:
+    """Draw a tree of events that recur, without sharing."""
+    count = [0]
+
+    def part(depth: int) -> tuple[str, str]:
+        count[0] += 1
+        name = f"n{count[0]}"
+        if depth == 0 or draw(st.booleans()):
+            times = draw(st.sampled_from(["", " times 2"]))
+            return name, f"{name}{times} lambda={draw(st.integers(1, 9)) / 10} once=no;"
+        children = [part(depth - 1) for _ in range(draw(st.integers(1, 3)))]
+        words = ["or", "and", "sand", "sand_rl", f"{(len(children) + 1) // 2}of{len(children)}"]
+        names = " ".join(one for one, _ in children)
+        return name, f"{name} {draw(st.sampled_from(words))} {names}; {' '.join(text for _, text in children)}"
+
+    name, text = part(2)
+    return f"toplevel {name}; {text}"
+
+
+@given(trees(), st.randoms(use_true_random=False))
+@settings(max_examples=60, deadline=None)
+def test_the_risk_is_1_just_where_the_monitor_detects(text: str, source: random.Random) -> None:
+    tree = rvaft.loads(text)
+    monitor, risk = rvaft.monitor(tree, semantics="scattered"), RiskMonitor(tree, of_tree(tree), 1.0)
+    assert risk.risk == pytest.approx(Analysis(of_tree(tree)).at(1.0), rel=1e-10)
+    leaves = [name for name in tree.order if tree.nodes[name].leaf]
+    for _ in range(12):
+        event = {"event": source.choice(leaves)}
+        detected = bool(monitor.step(event))
+        assert (risk.step(event) == 1.0) == detected
+        if detected:
+            break
+
+
+@given(trees(), st.randoms(use_true_random=False))
+@settings(max_examples=25, deadline=None)
+def test_a_chain_over_the_states_of_the_monitor_gives_the_same_numbers(text: str, source: random.Random) -> None:
+    tree = rvaft.loads(text)
+    own = MonitorStates(tree, of_tree(tree), 1.0, rvaft.monitor(tree, semantics="scattered"))
+    risk = RiskMonitor(tree, of_tree(tree), 1.0)
+    leaves = [name for name in tree.order if tree.nodes[name].leaf]
+    for _ in range(6):
+        assert own.risk == pytest.approx(risk.risk, rel=1e-9)
+        event = {"event": source.choice(leaves)}
+        own.step(event)
+        risk.step(event)
+
+
+def test_events_that_break_a_match_lower_the_risk_under_projected() -> None:
+    tree = rvaft.loads("t sand x y z; x lambda=.5 once=no; y lambda=.2 once=no; z lambda=.9 once=no;")
+    own = MonitorStates(tree, of_tree(tree), 1.0, rvaft.monitor(tree, semantics="projected"))
+    scattered = RiskMonitor(tree, of_tree(tree), 1.0)
+    assert own.risk < scattered.risk
+    own.step({"event": "x"})
+    own.step({"event": "z"})
+    assert own.risk == 0.0
+
+
+def test_refusals() -> None:
+    tree = rvaft.loads("t sand x y; x lambda=.5; y lambda=.2;")
+    with pytest.raises(RiskError, match="once=no"):
+        MonitorStates(tree, of_tree(tree), 1.0, rvaft.monitor(tree, semantics="projected"))
+    tree = rvaft.loads("event e(u) = {u: u}; t sand x y; x on e(U) lambda=.5; y lambda=.2 once=no;")
+    with pytest.raises(RiskError, match="variables"):
+        MonitorStates(tree, of_tree(tree), 1.0, rvaft.monitor(tree, semantics="projected"))

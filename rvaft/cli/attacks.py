@@ -67,7 +67,8 @@ def attacks_command(
 def _written(found: list[Attack], form: str) -> str:
     if form == "json":
         rows = [
-            {"steps": one.steps, "cost": one.cost, "probability": one.probability, "damage": one.damage} for one in found
+            {"steps": one.steps, "cost": one.cost, "probability": one.probability, "damage": one.damage}
+            for one in found
         ]
         return json.dumps(rows, indent=2) + "\n"
     if form == "csv":

@@ -1,7 +1,7 @@
 """`rvaft monitor`: watch events for a tree and give verdicts."""
 
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path, PurePath
@@ -13,8 +13,8 @@ from rvaft.api import translate
 from rvaft.cli import FAILED, Failures, log_options, options, warn
 from rvaft.cli.alerts import FORMS, Template
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
-from rvaft.cli.risk_tree import Horizon, time_option
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
+from rvaft.cli.risk_tree import Horizon, time_option
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.engine.monitor import Engine, repeating_engine
 from rvaft.errors import NotExpressible, TooLarge
@@ -233,16 +233,13 @@ def monitor_command(*, tree: str, branch: int | None, kind: Kind | None, **given
             return FAILED if traces.missing.met else status
     _check_traces(given, traces, engine)
     _check_repetition(given, wholes.values())
-    options.require_times(given["clock"], wholes.values())
     if engine is None and native_run is not None and (given["form"] == "text" or given["detections"]):
         engine = native_run.engine(plans[0])
     checkpoints = _checkpoints(given, traces.sources, plans)
     drawing = None if given["explain"] == TERMINAL else given["explain"]
     options.require_writable(one for one in (drawing, given["checkpoint"], given["metrics"]) if one is not None)
     metrics = _metrics(given)
-    _check_risk(given)
-    hooks = Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]})
-    risks = [_risk(file, plan, given, hooks) for file, plan in zip(wholes, plans, strict=True)]
+    hooks, risks = _reactions(given, wholes, plans)
     settings = [
         MonitorSettings(
             plan,
@@ -301,8 +298,18 @@ def _check_risk(given: Mapping[str, Any]) -> None:
         return
     options.refuse(given["jobs"] > 1, "--risk follows the events in one process: omit --jobs")
     for name in ("native", "engine", "backend", "foxglove", "checkpoint", "repeat_by", "order_by", "template"):
-        options.refuse(given[name], f"--risk follows the events of the engine one by one: omit --{name.replace('_', '-')}")
+        options.refuse(
+            given[name], f"--risk follows the events of the engine one by one: omit --{name.replace('_', '-')}"
+        )
     options.refuse(given["form"] in FORMS, f"--risk is for the formats {', '.join(REPORTERS)}, not for {given['form']}")
+
+
+def _reactions(
+    given: Mapping[str, Any], files: Iterable[str], plans: Iterable[MonitoringPlan]
+) -> "tuple[Hooks, list[RiskListener | None]]":
+    """Return the commands that run on detections, and what follows the risk of each tree."""
+    hooks = Hooks(given["execute"], {Kind.FAULT: given["exec_fault"], Kind.ATTACK: given["exec_attack"]})
+    return hooks, [_risk(file, plan, given, hooks) for file, plan in zip(files, plans, strict=True)]
 
 
 def _risk(file: str, plan: MonitoringPlan, given: Mapping[str, Any], hooks: Hooks) -> "RiskListener | None":
@@ -369,8 +376,9 @@ def _repeat_by(tree: RVAFT, given: Mapping[str, Any]) -> str | None:
     return resolve_repetition(tree, given["repeat_by"], repeat=given["repeat"])
 
 
-def _check_repetition(given: Mapping[str, Any], trees: Iterable[RVAFT]) -> None:
-    """Refuse repetition by a variable where a monitor only starts afresh as a whole."""
+def _check_repetition(given: Mapping[str, Any], trees: Collection[RVAFT]) -> None:
+    """Refuse repetition by a variable where a monitor only starts afresh as a whole, and a clock without times."""
+    options.require_times(given["clock"], trees)
     by = next((by for tree in trees if given["backend"] is not None and (by := _repeat_by(tree, given))), None)
     named = "--repeat-by" if given["repeat_by"] is not None else f"`repeat by {by};`"
     options.refuse(by, f"{named} is for monitors of the engine, and --native: omit --backend")
@@ -499,6 +507,7 @@ def _check(given: dict[str, Any]) -> None:
         wrong = given["backend"] is not None and given[name] is not None
         refuse(wrong, f"--{name.replace('_', '-')} needs the engine: omit --backend")
     require_companions(given)
+    _check_risk(given)
     if given["native"]:
         from rvaft.cli import native  # noqa: PLC0415 -- imported on use
 

@@ -343,7 +343,9 @@ class _Text(Reporter):
         outlook = self.risk.outlook(watch)
         values = "".join(f", {name} = {_short(value)}" for name, value in outlook.values.items())
         coming = f"; {outlook.next[0].leaf} would raise it to {outlook.next[0].risk:.6g}" if outlook.next else ""
-        return f"risk {risks[0]:.6g} within {self.risk.horizon.text}{''.join(f', {one}' for one in parts)}{values}{coming}"
+        return (
+            f"risk {risks[0]:.6g} within {self.risk.horizon.text}{''.join(f', {one}' for one in parts)}{values}{coming}"
+        )
 
     def end(self, watch: MonitoredTrace) -> None:
         if watch.key is not None or self.settings.many:

@@ -28,7 +28,9 @@ class RiskListener(Listener):
 
     every = whole = each_key = True
 
-    def __init__(self, plan: MonitoringPlan, form: RiskTree, horizon: Horizon, above: float | None, hooks: Hooks) -> None:
+    def __init__(
+        self, plan: MonitoringPlan, form: RiskTree, horizon: Horizon, above: float | None, hooks: Hooks
+    ) -> None:
         columns = plan.monitors.columns
         horizon.require(form.unit)
         if len(columns) > 1 and form.tree is None:
@@ -109,9 +111,7 @@ def _of(part: RVAFT, form: RiskTree, horizon: float, semantics: Semantics) -> Ri
     return MonitorStates(part, form, horizon, Engine(part, semantics))
 
 
-def risk_listener(
-    file: str, plan: MonitoringPlan, horizon: Horizon, above: float | None, hooks: Hooks
-) -> RiskListener:
+def risk_listener(file: str, plan: MonitoringPlan, horizon: Horizon, above: float | None, hooks: Hooks) -> RiskListener:
     """Return the listener for a tree of a file, or the part of it that is monitored."""
     part = plan.monitors.columns[0].part
     form = of_tree(part) if part.restricted else risk_tree(file)

@@ -73,7 +73,11 @@ def _written(found: list[Rate], unit: str, form: str) -> str:
     if form == "json":
         rows = [
             {"leaf": one.leaf, "events": one.events, "seconds": one.seconds, "left_out": one.left_out}
-            | ({} if one.left_out else {"unit": unit, "rate": one.rate * size, "low": one.low * size, "high": one.high * size})
+            | (
+                {}
+                if one.left_out
+                else {"unit": unit, "rate": one.rate * size, "low": one.low * size, "high": one.high * size}
+            )
             for one in found
         ]
         return json.dumps(rows, indent=2) + "\n"

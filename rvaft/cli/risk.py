@@ -105,7 +105,9 @@ def _order_texts(one: CutSet) -> list[str]:
     found: list[str] = []
     for part in one.sequences:
         pairs = [f"{first} before {then}" for first, then in part.before]
-        found.append(", ".join(pairs) if not part.orders else " or ".join(" then ".join(order) for order in part.orders))
+        found.append(
+            ", ".join(pairs) if not part.orders else " or ".join(" then ".join(order) for order in part.orders)
+        )
     return found
 
 
@@ -203,7 +205,8 @@ def risk_command(
     if given.assumed:
         warn(f"guards are taken to hold, so probabilities are upper bounds: {', '.join(given.assumed)}")
     if curve is not None:
-        options.refuse(horizon is None, "--curve needs --time")
+        if horizon is None:
+            raise click.UsageError("--curve needs --time", click.get_current_context())
         _write_curve(analysis, horizon, curve, form)
     elif importance:
         _write_importance(analysis.importance(time), form)
@@ -246,12 +249,19 @@ def _write_curve(analysis: Analysis, horizon: Horizon, points: int, form: str) -
     times = [horizon.value * step / points for step in range(points + 1)]
     found = analysis.curve(times)
     if form == "json":
-        sys.stdout.write(json.dumps([{"time": t, "probability": p} for t, p in zip(times, found, strict=True)], indent=2) + "\n")
+        sys.stdout.write(
+            json.dumps([{"time": t, "probability": p} for t, p in zip(times, found, strict=True)], indent=2) + "\n"
+        )
     elif form == "csv":
-        sys.stdout.write(_rows([("time", "probability"), *((repr(t), repr(p)) for t, p in zip(times, found, strict=True))]))
+        sys.stdout.write(
+            _rows([("time", "probability"), *((repr(t), repr(p)) for t, p in zip(times, found, strict=True))])
+        )
     else:
         most = max(found) or 1.0
-        rows = [(horizon.shown(t), number_text(p), "█" * round(_CHART * p / most)) for t, p in zip(times, found, strict=True)]
+        rows = [
+            (horizon.shown(t), number_text(p), "█" * round(_CHART * p / most))
+            for t, p in zip(times, found, strict=True)
+        ]
         sys.stdout.write("\n".join(_aligned([("time", "probability", ""), *rows])) + "\n")
 
 
@@ -271,8 +281,10 @@ def _write_importance(found: list[Importance], form: str) -> None:
     found = sorted(found, key=lambda one: -one.birnbaum)
     values = [[getattr(one, name) for name in _MEASURES] for one in found]
     if form == "json":
-        keys = [name for name in _MEASURES]
-        rows = [dict(zip(keys, [_finite(v) if isinstance(v, float) else v for v in row], strict=True)) for row in values]
+        keys = list(_MEASURES)
+        rows = [
+            dict(zip(keys, [_finite(v) if isinstance(v, float) else v for v in row], strict=True)) for row in values
+        ]
         sys.stdout.write(json.dumps(rows, indent=2) + "\n")
     elif form == "csv":
         sys.stdout.write(_rows([[*_MEASURES.values()], *[["" if v is None else v for v in row] for row in values]]))

@@ -62,12 +62,13 @@ class Quantities:
 class WrongQuantity(ValueError):
     """An attribute without a meaning; the message names node and attribute, with a remedy.
 
-    `refused` is whether the attribute has a meaning elsewhere, which no analysis here reads.
+    `key` is the attribute, and `refused` whether it has a meaning elsewhere, which no analysis here
+    reads.
     """
 
-    def __init__(self, message: str, *, refused: bool = False) -> None:
+    def __init__(self, key: str, message: str, *, refused: bool = False) -> None:
         super().__init__(message)
-        self.refused = refused
+        self.key, self.refused = key, refused
 
 
 def quantities(node: Node) -> Quantities:
@@ -94,18 +95,18 @@ def slips(node: Node) -> Iterator[WrongQuantity]:
     given = dict(node.attributes)
     for key in sorted({key for key, _ in node.attributes if [one for one, _ in node.attributes].count(key) > 1}):
         if key in (*_LEAF_ONLY, "damage"):
-            yield WrongQuantity(f"{node.name} has `{key}` twice: keep one")
+            yield WrongQuantity(key, f"{node.name} has `{key}` twice: keep one")
     for key, value in given.items():
         if key in _REFUSED and _as_number(value) != _NEUTRAL.get(key, math.nan):
-            yield WrongQuantity(f"`{key}={value}` of {node.name}: {_REFUSED[key]}", refused=True)
+            yield WrongQuantity(key, f"`{key}={value}` of {node.name}: {_REFUSED[key]}", refused=True)
         elif message := _wrong(node, key, value):
-            yield WrongQuantity(message)
+            yield WrongQuantity(key, message)
     if "prob" in given and given.keys() & {"lambda", "rate"}:
-        yield WrongQuantity(f"{node.name} has a probability and a rate: keep `prob`, or `lambda`")
+        yield WrongQuantity("prob", f"{node.name} has a probability and a rate: keep `prob`, or `lambda`")
     if {"lambda", "rate"} <= given.keys():
-        yield WrongQuantity(f"{node.name} has two rates: keep `lambda`, or `rate` with `shape`")
+        yield WrongQuantity("rate", f"{node.name} has two rates: keep `lambda`, or `rate` with `shape`")
     if "shape" in given and "rate" not in given:
-        yield WrongQuantity(f"{node.name} has a `shape` without `rate`: write both, as in rate=0.1/h shape=2")
+        yield WrongQuantity("shape", f"{node.name} has a `shape` without `rate`: write both, as in rate=0.1/h shape=2")
 
 
 def _wrong(node: Node, key: str, value: str) -> str | None:

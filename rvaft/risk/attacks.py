@@ -99,9 +99,8 @@ class Attacks:
         except TooLarge as error:
             best = self.minimal(1, order=_ORDER, by="probability")
             if best:
-                error.add_note(
-                    f"{' '.join(best[0].steps)} has probability {best[0].probability:.6g}, a lower bound of the greatest"
-                )
+                steps, chance = " ".join(best[0].steps), best[0].probability
+                error.add_note(f"{steps} has probability {chance:.6g}, a lower bound of the greatest")
             raise
         return [self._attack(point) for point in sorted(found)]
 
@@ -188,7 +187,9 @@ class _Front:
                 continue
             waiting.pop()
             cost, step = self._cost[variable], 1 << self._steps[variable]
-            taken = [_Point(one.cost + cost, one.probability, one.damage, one.steps | step) for one in self._known[high]]
+            taken = [
+                _Point(one.cost + cost, one.probability, one.damage, one.steps | step) for one in self._known[high]
+            ]
             self._known[nodes] = _undominated([*self._known[low], *taken])
             self._kept += len(self._known[nodes])
             if self._kept > self._points:

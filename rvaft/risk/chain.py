@@ -7,7 +7,7 @@ time 0; those of a later part of a sequence happen when that part begins.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from typing import Final, TypeAlias, assert_never
 
 from rvaft.errors import TooLarge
@@ -27,7 +27,7 @@ WON: Final = -4
 
 DEFAULT_STATES: Final = 200_000
 _MOST_COINS: Final = 16
-_MOST_ORDERS: Final = 1000
+_MOST_ORDERS: Final = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +72,16 @@ class Machine:
         self._waits = self._waiting(root)
         self._follows, self._excludes = self._restricted()
         self._modules = self._claimed()
+        self._ordered = self._order_matters()
         self._given = given or {}
         for place, leaf in self._leaves.items():
             if self._waits[place] and self._is_dependent(leaf.name):
                 raise RiskError(f"{leaf.node} depends on a trigger, and its clock starts with a later part of a "
                                 "sequence: which of the two wins is not defined")  # fmt: skip
             if leaf.numbers.shape != 1.0:
-                raise RiskError(f"the rate of {leaf.node} changes with time (`shape`), which only static trees can have")
+                raise RiskError(
+                    f"the rate of {leaf.node} changes with time (`shape`), which only static trees can have"
+                )
 
     @property
     def leaves(self) -> tuple[Leaf, ...]:
@@ -116,7 +119,7 @@ class Machine:
                 if name in dependents:
                     raise RiskError(f"{name} is restricted by {restriction.name} and depends on a trigger: which of "
                                     "the two wins is not defined")  # fmt: skip
-            for before, name in zip(inside, inside[1:], strict=False):
+            for before, name in pairwise(inside):
                 if not restriction.exclusive:
                     follows.setdefault(self.number[name], set()).add(self.number[before])
             if restriction.exclusive:
@@ -137,6 +140,19 @@ class Machine:
                     if place in self._leaves:
                         modules.setdefault(place, []).append((spare.number, position))
         return modules
+
+    def _order_matters(self) -> frozenset[int]:
+        """Return the elements below gates in which the order at one moment matters, also through triggers."""
+        found = {place.number for place in self._gates if place.op in (Op.PRIORITY, Op.FIRST, Op.SPARE)}
+        waiting = list(found)
+        while waiting:
+            place = waiting.pop()
+            name = self.names[place]
+            causes = [self.number[one.trigger] for one in self._dependencies if name in one.dependents]
+            new = {*self._places[place].children, *causes} - found
+            found |= new
+            waiting.extend(new)
+        return frozenset(found)
 
     # ---- events ---------------------------------------------------------------------------------
 
@@ -187,9 +203,9 @@ class Machine:
             return
         for place, leaf in self._leaves.items():
             cold = place in self._modules and leaf.numbers.dormancy == 0 and not self._active(state, place)
-            if state[place] >= 0 and not cold and self._may_happen(state, place):
-                if self._chance(leaf) != 0 and leaf.numbers.rate != 0:
-                    yield leaf
+            never = self._chance(leaf) == 0 or leaf.numbers.rate == 0
+            if state[place] >= 0 and not (cold or never) and self._may_happen(state, place):
+                yield leaf
 
     def excludes(self, state: State, name: str) -> bool:
         """Whether the model excludes that a failure comes now: it has failed, or cannot fail yet."""
@@ -248,8 +264,7 @@ class Machine:
         if not self._dependencies:
             return self._tidy(together)
         outcomes = {self._tidy(together)}
-        budget = [_MOST_ORDERS]
-        for one in self._in_turn(self._evaluated(state, left), budget):
+        for one in self._in_turn(self._evaluated(state, left)):
             outcomes.add(self._tidy(one))
         if len(outcomes) > 1:
             names = sorted({name for one in self._dependencies for name in one.dependents if name in self.number})
@@ -268,19 +283,28 @@ class Machine:
             for place in more:
                 left[place] = FAILED
 
-    def _in_turn(self, state: State, budget: list[int]) -> Iterator[State]:
-        """Yield the states if what follows happens one after the other, in each order."""
-        due = self._due(state)
-        if not due:
-            yield state
-            return
-        budget[0] -= 1
-        if budget[0] < 0:
-            raise TooLarge("orders of failures that one trigger brings about", limit=_MOST_ORDERS)
-        for place in due:
-            left = list(state)
-            left[place] = FAILED
-            yield from self._in_turn(self._evaluated(state, left), budget)
+    def _in_turn(self, start: State) -> set[State]:
+        """Return the states if what follows happens one after the other, in each order."""
+        found: set[State] = set()
+        seen, waiting = {start}, [start]
+        while waiting:
+            state = waiting.pop()
+            due = self._due(state)
+            if not due:
+                found.add(state)
+                continue
+            free = [place for place in due if place not in self._ordered]
+            for places in [free] if free else [[place] for place in due]:
+                left = list(state)
+                for place in places:
+                    left[place] = FAILED
+                then = self._evaluated(state, left)
+                if then not in seen:
+                    seen.add(then)
+                    waiting.append(then)
+            if len(seen) > _MOST_ORDERS:
+                raise TooLarge("orders of failures that one trigger brings about", limit=_MOST_ORDERS)
+        return found
 
     def _due(self, state: State) -> list[int]:
         """Return the leaves that fail now: dependents of failed triggers, and won leaves whose part begins."""
@@ -398,7 +422,6 @@ class Machine:
             for spare, position in self._modules.get(place, ()):
                 if position and state[spare] >= 0:
                     yield spare
-
 
 
 def _with_causes(tree: RiskTree, root: str) -> list[str]:

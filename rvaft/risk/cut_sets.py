@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, assert_never
 
 from rvaft.errors import TooLarge
 from rvaft.model.nodes import Kind
-from rvaft.risk.chain import Machine
+from rvaft.risk.chain import Machine, State
 from rvaft.risk.diagram import walk
 from rvaft.risk.model import Op, RiskTree, below
 from rvaft.risk.probability import dynamic_parts
@@ -84,7 +84,7 @@ class Families:
 
     def union(self, one: int, other: int) -> int:
         """Return the least sets of two families."""
-        if one == other or other == NONE:
+        if other in (one, NONE):
             return one
         if one == NONE:
             return other
@@ -115,7 +115,7 @@ class Families:
             return self._left_out()
         if one == UNIT:
             return self.cut_at(other, left)
-        if other == UNIT or one == other:
+        if other in (UNIT, one):
             return self.cut_at(one, left)
         key = (one, other, left) if one < other else (other, one, left)
         found = self._products.get(key)
@@ -144,7 +144,9 @@ class Families:
         found = self._products.get(key)
         if found is None:
             variable, with_it, without = self.nodes[family]
-            found = self._node(variable, self.cut_at(with_it, order - self.weight(variable)), self.cut_at(without, order))
+            found = self._node(
+                variable, self.cut_at(with_it, order - self.weight(variable)), self.cut_at(without, order)
+            )
             self._products[key] = found
         return found
 
@@ -154,9 +156,9 @@ class Families:
         v, v1, v0 = nodes[family]
         while nodes[least][0] < v:  # no set of the family has this variable
             least = nodes[least][2]
-        if family == NONE or least == NONE:
+        if NONE in (family, least):
             return family
-        if least == UNIT or family == least:
+        if least in (UNIT, family):
             return NONE
         key = (family, least)
         found = self._differences.get(key)
@@ -328,7 +330,10 @@ class CutSets:
             case Op.AT_LEAST:
                 row = [UNIT, *[NONE] * need]
                 for part in reversed(parts):
-                    row = [UNIT, *(families.union(row[k], families.product(part, row[k - 1])) for k in range(1, need + 1))]
+                    row = [
+                        UNIT,
+                        *(families.union(row[k], families.product(part, row[k - 1])) for k in range(1, need + 1)),
+                    ]
                 return row[need]
             case Op.SEQUENCE | Op.PRIORITY | Op.FIRST | Op.SPARE:
                 raise AssertionError(op)
@@ -412,7 +417,7 @@ class CutSets:
             variable, with_it, without = self.families.nodes[node]
             best[node] = max(self._chance(variable, chances) * best[with_it], best[without])
         found: list[tuple[CutSet, float]] = []
-        waiting = [(-best[self.root], 0, self.root, (), 1.0)]
+        waiting: list[tuple[float, int, int, tuple[int, ...], float]] = [(-best[self.root], 0, self.root, (), 1.0)]
         number = 0
         while waiting and len(found) < most:
             value, _, node, chosen, product = heapq.heappop(waiting)
@@ -452,7 +457,8 @@ def sequences(tree: RiskTree, part: str, order: int | None) -> tuple[list[Sequen
     machine = Machine(tree, part)
     longest = DEFAULT_ORDER if order is None else order
     words: list[tuple[str, ...]] = []
-    complete, waiting = True, [((), machine.start())]
+    complete = True
+    waiting: list[tuple[tuple[str, ...], State]] = [((), machine.start())]
     while waiting:
         word, state = waiting.pop()
         decided = machine.decided(state)
@@ -469,8 +475,7 @@ def sequences(tree: RiskTree, part: str, order: int | None) -> tuple[list[Sequen
             if order is None:
                 raise TooLarge(f"events in a sequence of {part}", limit=longest, remedy="ask for an order: --max-order")
             complete = False
-        for name in reversed(possible):
-            waiting.append(((*word, name), machine.after(state, name)))
+        waiting.extend(((*word, name), machine.after(state, name)) for name in reversed(possible))
         if len(waiting) > _MOST_WORDS:
             raise TooLarge(f"sequences of events of {part}", limit=_MOST_WORDS)
     return _grouped(tree, _least(words)), complete
@@ -481,9 +486,7 @@ def _least(words: list[tuple[str, ...]]) -> list[tuple[str, ...]]:
     return [
         word
         for word in words
-        if not any(
-            tuple(shorter) in known for size in range(len(word)) for shorter in combinations(word, size)
-        )
+        if not any(tuple(shorter) in known for size in range(len(word)) for shorter in combinations(word, size))
     ]
 
 
@@ -497,7 +500,9 @@ def _grouped(tree: RiskTree, words: list[tuple[str, ...]]) -> list[Sequenced]:
     for events, orders in by_set.items():
         names = tuple(sorted(events, key=place.__getitem__))
         different = sorted(set(orders))
-        before = [pair for pair in permutations(names, 2) if all(w.index(pair[0]) < w.index(pair[1]) for w in different)]
+        before = [
+            pair for pair in permutations(names, 2) if all(w.index(pair[0]) < w.index(pair[1]) for w in different)
+        ]
         repeated = any(tree.leaves[name].times > 1 for name in names)
         told = not repeated and _extensions(names, before) == len(different)
         pairs = tuple(_reduced(before))

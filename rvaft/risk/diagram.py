@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple, assert_never
 
 from rvaft.errors import TooLarge, installed
-from rvaft.risk.model import Op, RiskTree
+from rvaft.risk.model import PACKAGES, Op, RiskTree
 
 DEFAULT_NODES: Final = 4_000_000
 """The default number of nodes of a diagram: about 100 MB."""
@@ -88,7 +88,7 @@ def diagram(
     >>> made.variables, made.probability({"a": 0.5, "b": 0.5, "c": 0.5})
     (('a', 'b', 'c'), 0.625)
     """
-    oxidd = installed("oxidd.bdd", "oxidd", "pip install 'rvaft[risk]'")
+    oxidd = installed("oxidd.bdd", "oxidd", PACKAGES)
     causes: dict[str, list[tuple[str, str | None]]] = {}
     for one in tree.dependencies:
         for name in one.dependents:
@@ -183,7 +183,8 @@ def _flat(variables: tuple[str, ...], roots: list[Any], limit: int) -> Diagram:
             continue
         waiting.pop()
         at_high, at_low = known(high), known(low)
-        assert at_high is not None and at_low is not None
+        assert at_high is not None
+        assert at_low is not None
         place[function] = len(nodes) + 2
         nodes.append(Node(function.node_var(), at_high, at_low))
         if len(nodes) > limit:

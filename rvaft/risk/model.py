@@ -5,7 +5,7 @@ observe; `rvaft.language.galileo` translates them for monitors.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from types import MappingProxyType
 from typing import Final, assert_never
@@ -17,6 +17,9 @@ from rvaft.model.nodes import Causality, Gate, Kind, Node
 from rvaft.model.quantities import Quantities, WrongQuantity, quantities
 from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.support.wording import did_you_mean
+
+PACKAGES: Final = "pip install 'rvaft[risk]'"
+"""How to install what the analyses need."""
 
 
 class RiskError(RvaftError):
@@ -74,7 +77,7 @@ class RiskGate:
     need: int = 0
     kind: Kind | None = None
     label: str | None = None
-    numbers: Quantities = Quantities()
+    numbers: Quantities = field(default_factory=Quantities)
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +209,7 @@ def of_tree(tree: RVAFT) -> RiskTree:
     >>> form.gates["top"].op.value, form.gates["top"].children
     ('sequence', ('event of top', 'parts of top'))
     """
-    return _Building(tree.root, tree.nodes, tree.causality, {}, tree).made()
+    return _Building(tree.root, tree.nodes, tree.causality, words={}, tree=tree).made()
 
 
 def of_draft(draft: Draft) -> RiskTree:
@@ -227,7 +230,7 @@ def of_draft(draft: Draft) -> RiskTree:
     for undeclared in draft.undeclared():
         nodes[undeclared.value] = Node(undeclared.value, declared=False, places={"name": undeclared.place})
     causality = draft.causalities[0].value if draft.causalities else Causality.TOP_DOWN
-    return _Building(draft.root, nodes, causality, words, None, is_galileo(draft.file)).made()
+    return _Building(draft.root, nodes, causality, words=words, galileo=is_galileo(draft.file)).made()
 
 
 class _Building:
@@ -238,8 +241,9 @@ class _Building:
         root: str,
         nodes: Mapping[str, Node],
         causality: Causality,
+        *,
         words: Mapping[str, GateUse],
-        tree: RVAFT | None,
+        tree: RVAFT | None = None,
         galileo: bool = False,
     ) -> None:
         self._root, self._nodes, self._words, self._tree = root, dict(nodes), words, tree
@@ -466,6 +470,7 @@ def _reached(form: RiskTree) -> RiskTree:
 def leaves_below(tree: RiskTree, name: str) -> Iterator[Leaf]:
     """Yield the leaves at or below an element, from left to right."""
     return (tree.leaves[one] for one in below(tree, [name]) if one in tree.leaves)
+
 
 def later_leaves(form: RiskTree) -> set[str]:
     """Return the leaves whose clock starts with a later part of a sequence."""

@@ -11,7 +11,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor, twin
-from rvaft.risk.model import RiskError, RiskTree, later_leaves
+from rvaft.risk.model import PACKAGES, RiskError, RiskTree, later_leaves
 from rvaft.risk.runtime import Next, Outlook
 from rvaft.risk.simulation import Simulation
 from rvaft.risk.transient import reached
@@ -49,7 +49,9 @@ class MonitorStates:
         wrong = next((one.leaf for one in simulated.patterns if one.leaf.numbers.chance is not None), None)
         if wrong is not None:
             raise RiskError(f"{wrong.node} has a probability, not a rate: see --semantics scattered")
-        waiting = next((one.leaf for one in simulated.patterns if one.leaf.once and one.leaf.name in later_leaves(form)), None)
+        waiting = next(
+            (one.leaf for one in simulated.patterns if one.leaf.once and one.leaf.name in later_leaves(form)), None
+        )
         if waiting is not None:
             raise RiskError(f"{waiting.node} is a failure whose clock starts with a later part of a sequence: see "
                             "--semantics scattered, or write once=no for an event that recurs")  # fmt: skip
@@ -104,7 +106,7 @@ class MonitorStates:
 
     def _solve(self, place: Place, monitor: Monitor) -> None:
         """Solve the chain of the states that can be reached from one, for all of them."""
-        sparse = installed("scipy.sparse", "scipy", "pip install 'rvaft[risk]'")
+        sparse = installed("scipy.sparse", "scipy", PACKAGES)
         numpy = installed("numpy", "NumPy", "pip install numpy")
         places, monitors = [place], [monitor.fork()]
         index = {place: 0}

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import networkx as nx
 
-from rvaft.errors import TooLarge, installed
-from rvaft.model.quantities import Quantities
+from rvaft.errors import installed
 from rvaft.risk.chain import DEFAULT_STATES, Machine
 from rvaft.risk.diagram import DEFAULT_NODES, Diagram, diagram
-from rvaft.risk.model import Leaf, Op, RiskError, RiskTree, below
+from rvaft.risk.model import PACKAGES, Leaf, RiskError, RiskTree
 from rvaft.risk.transient import Chain, chain, from_start, mean_time
 
 if TYPE_CHECKING:
@@ -127,7 +126,10 @@ class Analysis:
         if not rates:
             return 0.0
         longest = self._longest(rates)
-        cuts = [0.0, *(longest * 10 ** (-step / _PER_DECADE) for step in range(_PER_DECADE * _decades(longest, rates), -1, -1))]
+        cuts = [
+            0.0,
+            *(longest * 10 ** (-step / _PER_DECADE) for step in range(_PER_DECADE * _decades(longest, rates), -1, -1)),
+        ]
         few, many = (self._integral(cuts, points) for points in (16, 24))
         rest = (1 - self.at(longest)) * longest
         if abs(few - many) + rest > MTTF_ERROR * many:
@@ -171,12 +173,8 @@ class Analysis:
         for name in self.diagram.variables:
             if name in self.parts:
                 for leaf in Machine(self.tree, name).leaves:
-                    happened, never = (
-                        float(_of_chain(self._given(name, leaf, how), [time])[0]) for how in (1.0, 0.0)
-                    )
-                    with_it, without = (
-                        whole + slopes[name] * (value - chances[name]) for value in (happened, never)
-                    )
+                    happened, never = (float(_of_chain(self._given(name, leaf, how), [time])[0]) for how in (1.0, 0.0))
+                    with_it, without = (whole + slopes[name] * (value - chances[name]) for value in (happened, never))
                     found.append(_importance(leaf.name, None, with_it, without, whole))
             else:
                 p, slope = chances[name], float(slopes[name])
@@ -215,7 +213,7 @@ def leaf_probability(leaf: Leaf, time: float) -> float:
         return -math.expm1(-mean)
     if numbers.shape != 1:
         raise RiskError(f"{leaf.node} has `times` and `shape`: write one of them")
-    special = installed("scipy.special", "scipy", "pip install 'rvaft[risk]'")
+    special = installed("scipy.special", "scipy", PACKAGES)
     return float(special.gammainc(leaf.times, mean))
 
 

@@ -8,7 +8,7 @@ from rvaft.errors import installed
 from rvaft.model.quantities import NANOSECONDS
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
-from rvaft.risk.model import RiskError, RiskTree, later_leaves
+from rvaft.risk.model import PACKAGES, RiskError, RiskTree, later_leaves
 from rvaft.risk.runtime import LeafPattern, ignoring, leaf_patterns
 
 CONFIDENCE: Final = 0.95
@@ -112,7 +112,7 @@ class RateEstimate:
 
     def rates(self) -> Iterator[Rate]:
         """Yield the rate of each leaf, in the order of the tree."""
-        stats = installed("scipy.stats", "scipy", "pip install 'rvaft[risk]'")
+        stats = installed("scipy.stats", "scipy", PACKAGES)
         rest = (1 - CONFIDENCE) / 2
         for leaf in self._leaves:
             seen = self._seen[leaf.name]
@@ -123,5 +123,10 @@ class RateEstimate:
             low = float(stats.chi2.ppf(rest, 2 * seen.events)) / 2 if seen.events else 0.0
             high = float(stats.chi2.ppf(1 - rest, 2 * seen.events + 2)) / 2
             yield Rate(
-                leaf.node, seen.events, seen.seconds, seen.events / seen.seconds, low / seen.seconds, high / seen.seconds
+                leaf.node,
+                seen.events,
+                seen.seconds,
+                seen.events / seen.seconds,
+                low / seen.seconds,
+                high / seen.seconds,
             )

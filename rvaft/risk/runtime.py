@@ -293,9 +293,7 @@ def ignoring(tree: RVAFT) -> Callable[[Json], bool]:
     known = [(tree.instantiate(one.on), None if one.when is None else predicate(one.when)) for one in tree.ignores]
 
     def ignored(event: Json) -> bool:
-        return any(
-            holds is None or holds(found) for pattern, holds in known for found in ways(pattern, event, {})
-        )
+        return any(holds is None or holds(found) for pattern, holds in known for found in ways(pattern, event, {}))
 
     return ignored if known else lambda _: False
 
@@ -310,7 +308,9 @@ def leaf_patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[LeafPattern]:
         if node.own_values:
             raise RiskError(f"{node.name} counts different values, which no rate describes: use --simulate")
         guard = tree.guard(leaf.node)
-        yield LeafPattern(leaf, pattern, None if guard is None else predicate(guard), () if guard is None else guard_variables(guard))
+        yield LeafPattern(
+            leaf, pattern, None if guard is None else predicate(guard), () if guard is None else guard_variables(guard)
+        )
 
 
 def _joined(one: Binding, other: Binding) -> Binding:

@@ -100,7 +100,7 @@ class Simulation:
         The monitor is not changed. `now` is the present time in nanoseconds, `seen` has the failures that
         have happened.
         """
-        random = Random(seed)
+        random = Random(seed)  # noqa: S311 (a seed makes it repeatable)
         expected = horizon * sum(leaf.numbers.rate or 0.0 for leaf in self._leaves if not leaf.once)
         if expected > _MOST_EVENTS:
             raise RiskError(f"a log of this length would have {expected:.3g} events: ask for a shorter time")
@@ -180,7 +180,9 @@ def _written(time: EventTime, nanoseconds: int) -> Json:
             whole = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=nanoseconds // NANOSECONDS)
             return f"{whole:%Y-%m-%dT%H:%M:%S}.{nanoseconds % NANOSECONDS:09d}Z"
         case _:
-            raise RiskError(f"a simulation writes no times as {time.format}: use s, ms, us, ns, ros, iso8601 or filetime")
+            raise RiskError(
+                f"a simulation writes no times as {time.format}: use s, ms, us, ns, ros, iso8601 or filetime"
+            )
 
 
 def _decimal(nanoseconds: int, size: int) -> str:

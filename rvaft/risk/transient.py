@@ -9,8 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from rvaft.errors import TooLarge
+from rvaft.errors import TooLarge, installed
 from rvaft.risk.chain import DEFAULT_STATES, Machine, State
+from rvaft.risk.model import PACKAGES
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,9 +47,11 @@ class Chain:
 def chain(machine: Machine, *, states: int = DEFAULT_STATES, start: State | None = None) -> Chain:
     """Return the chain from the start of a machine; raises `TooLarge` beyond a number of states."""
     import numpy as np  # noqa: PLC0415 -- imported on use
-    from scipy.sparse import csr_matrix  # noqa: PLC0415 -- imported on use
 
-    index = {state: number for number, state in enumerate(machine.resolved(machine.start() if start is None else start))}
+    sparse = installed("scipy.sparse", "scipy", PACKAGES)
+    index = {
+        state: number for number, state in enumerate(machine.resolved(machine.start() if start is None else start))
+    }
     waiting = list(index)
     rows: list[int] = []
     columns: list[int] = []
@@ -66,7 +69,7 @@ def chain(machine: Machine, *, states: int = DEFAULT_STATES, start: State | None
             rows.append(index[state])
             columns.append(index[after])
             rates.append(rate)
-    moves = csr_matrix((rates, (rows, columns)), shape=(len(index), len(index)))
+    moves = sparse.csr_matrix((rates, (rows, columns)), shape=(len(index), len(index)))
     top = next((number for state, number in index.items() if machine.decided(state)), None)
     return Chain(machine, index, top, moves, np.asarray(moves.sum(axis=1)).ravel())
 
@@ -74,9 +77,8 @@ def chain(machine: Machine, *, states: int = DEFAULT_STATES, start: State | None
 def mean_time(chain: Chain) -> "np.ndarray[Any, Any]":
     """Return the mean time until the root happens, from each state; infinite where it may never happen."""
     import numpy as np  # noqa: PLC0415 -- imported on use
-    from scipy.sparse import diags  # noqa: PLC0415 -- imported on use
-    from scipy.sparse.linalg import spsolve  # noqa: PLC0415 -- imported on use
 
+    sparse, linalg = (installed(name, "scipy", PACKAGES) for name in ("scipy.sparse", "scipy.sparse.linalg"))
     size = len(chain.index)
     certain = np.ones(size, dtype=bool)
     certain[chain.leaving == 0] = False
@@ -94,8 +96,8 @@ def mean_time(chain: Chain) -> "np.ndarray[Any, Any]":
     found[chain.top] = 0.0
     inner = np.flatnonzero(certain & (np.arange(size) != chain.top))
     if len(inner):
-        matrix = (diags(chain.leaving) - chain.moves).tocsr()[inner][:, inner].tocsc()
-        found[inner] = np.atleast_1d(spsolve(matrix, np.ones(len(inner))))
+        matrix = (sparse.diags(chain.leaving) - chain.moves).tocsr()[inner][:, inner].tocsc()
+        found[inner] = np.atleast_1d(linalg.spsolve(matrix, np.ones(len(inner))))
     return found
 
 
@@ -137,12 +139,11 @@ def from_start(chain: Chain, state: State, times: Sequence[float]) -> "np.ndarra
         inside[count] = now[chain.top]
         now = step @ now
     found = [float(weight @ inside[first : first + len(weight)]) for first, weight in weights]
-    return np.minimum(np.array(found), 1.0)
+    result: np.ndarray[Any, Any] = np.minimum(np.array(found), 1.0)
+    return result
 
 
-def reached(
-    moves: Any, target: "np.ndarray[Any, Any]", times: Sequence[float], depth: int
-) -> "np.ndarray[Any, Any]":
+def reached(moves: Any, target: "np.ndarray[Any, Any]", times: Sequence[float], depth: int) -> "np.ndarray[Any, Any]":
     """Return the probabilities to be in a state of `target` at each time, from each state: (times, states).
 
     `target` is 1 for states without moves that are asked for, else 0. `moves` is a sparse matrix of
@@ -154,7 +155,8 @@ def reached(
     found = np.zeros((len(times), len(target)))
     fastest = float(np.asarray(moves.sum(axis=1)).max(initial=0.0))
     if not fastest or not len(times):
-        return found + target
+        found += target
+        return found
     step = _step(moves, fastest, max(times))
     weights = [_poisson(time * fastest, depth) for time in times]
     now = target
@@ -163,19 +165,20 @@ def reached(
             if first <= count < first + len(weight):
                 found[place] += weight[count - first] * now
         now = step @ now
-    return np.minimum(found, 1.0)
+    found[found > 1.0] = 1.0
+    return found
 
 
 def _step(moves: Any, fastest: float, longest: float) -> Any:
     """Return the matrix of one step at the fastest rate; raises `TooLarge` for too many steps."""
     import numpy as np  # noqa: PLC0415 -- imported on use
-    from scipy.sparse import diags, identity  # noqa: PLC0415 -- imported on use
 
+    sparse = installed("scipy.sparse", "scipy", PACKAGES)
     steps, size = longest * fastest, moves.shape[0]
     if (steps + 10 * math.sqrt(steps) + 50) * (moves.nnz + size + _CALL) > _MOST_WORK:
         raise TooLarge("steps of a chain, because its rates are high for this time", limit=_MOST_WORK)
     leaving = np.asarray(moves.sum(axis=1)).ravel()
-    return (moves / fastest + identity(size, format="csr") - diags(leaving / fastest)).tocsr()
+    return (moves / fastest + sparse.identity(size, format="csr") - sparse.diags(leaving / fastest)).tocsr()
 
 
 def _poisson(mean: float, depth: int) -> "tuple[int, np.ndarray[Any, Any]]":

@@ -12,6 +12,7 @@ from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import EventType, On, Place, ValueType, absolute, topic_of, wrong_name, wrong_type
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.patterns import variables as pattern_variables
+from rvaft.model.quantities import slips
 from rvaft.model.tree import RVAFT, find_cycle, knots, sorted_topologically
 from rvaft.model.verdict import Semantics
 from rvaft.rules.rule import RuleReport
@@ -195,6 +196,25 @@ def prune(draft: Draft) -> Iterator[RuleReport]:
 def dynamic_gate(draft: Draft) -> Iterator[RuleReport]:
     """Every translation of a dynamic gate is reported."""
     yield from (RuleReport(*gate) for gate in draft.dynamic_gates)
+
+
+def number(draft: Draft) -> Iterator[RuleReport]:
+    """The attributes that analyses of risk read are numbers with a meaning."""
+    parameters = {parameter.value for parameter in draft.parameters}
+    timed: dict[bool, str] = {}
+    for draft_node in draft.nodes.values():
+        node = draft_node.build()
+        given = dict(node.attributes)
+        places = {key: place for (key, _), place in draft_node.attributes}
+        for key in ("lambda", "rate"):
+            if key in given and given[key] not in parameters:
+                timed.setdefault("/" in given[key], node.name)
+        for slip in slips(node):
+            if given.get(slip.key) not in parameters and not slip.refused:
+                yield RuleReport(places.get(slip.key, draft_node.place), str(slip), (node.name,))
+    if len(timed) > 1:
+        message = f"the rate of {timed[True]} has a unit and that of {timed[False]} has none: write all alike"
+        yield RuleReport(draft.nodes[timed[False]].place, message, (timed[False], timed[True]))
 
 
 def no_time(draft: Draft) -> Iterator[RuleReport]:

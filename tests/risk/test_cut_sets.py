@@ -30,9 +30,7 @@ def test_static_trees_equal_an_enumeration(text: str) -> None:
 def orders(one: Sequenced) -> set[tuple[str, ...]]:
     if one.orders:
         return set(one.orders)
-    return {
-        word for word in permutations(one.events) if all(word.index(a) < word.index(b) for a, b in one.before)
-    }
+    return {word for word in permutations(one.events) if all(word.index(a) < word.index(b) for a, b in one.before)}
 
 
 SEQUENCES = [
@@ -41,7 +39,10 @@ SEQUENCES = [
     ("t sand g c; g or a b;", {("a", "c"), ("b", "c")}),
     ("t sand a g; g and b c;", {("a", "b", "c"), ("a", "c", "b")}),
     ("t sand_rl a b;", {("b", "a")}),
-    ("t and g h; g sand a b; h sand c d;", {w for w in permutations("abcd") if w.index("a") < w.index("b") and w.index("c") < w.index("d")}),  # noqa: E501
+    (
+        "t and g h; g sand a b; h sand c d;",
+        {w for w in permutations("abcd") if w.index("a") < w.index("b") and w.index("c") < w.index("d")},
+    ),
 ]
 
 
@@ -72,7 +73,10 @@ def merged(one: CutSet) -> set[tuple[str, ...]]:
         ("t por a b;", {("a",)}),
         ("t pand x y; x or a b; y and a c;", {("a", "c"), ("c", "a")}),
         ("t csp a b; b dorm=0 lambda=1;", {("a", "b")}),
-        ("t and p q; p wsp a s; q wsp b s; s lambda=1 dorm=0;", {("a", "b", "s"), ("a", "s", "b"), ("b", "a", "s"), ("b", "s", "a")}),  # noqa: E501
+        (
+            "t and p q; p wsp a s; q wsp b s; s lambda=1 dorm=0;",
+            {("a", "b", "s"), ("a", "s", "b"), ("b", "a", "s"), ("b", "s", "a")},
+        ),
     ],
 )
 def test_sequences_of_galileo(text: str, words: set[tuple[str, ...]]) -> None:
@@ -80,7 +84,9 @@ def test_sequences_of_galileo(text: str, words: set[tuple[str, ...]]) -> None:
 
 
 def test_kinds_and_probable_sets() -> None:
-    tree = form("t or g h c; g and a b; h and b d; a attack prob=.5; b fault prob=.5; c fault prob=.1; d attack prob=.9;")
+    tree = form(
+        "t or g h c; g and a b; h and b d; a attack prob=.5; b fault prob=.5; c fault prob=.1; d attack prob=.9;"
+    )
     found = CutSets(tree)
     assert found.by_kind() == {frozenset(Kind): 2, frozenset([Kind.FAULT]): 1}
     best = found.most_probable(2, {name: leaf.numbers.chance or 0 for name, leaf in tree.leaves.items()})

@@ -84,7 +84,9 @@ def test_importance_of_the_example() -> None:
     ],
 )
 def test_chains_agree_with_simulated_logs_that_the_monitor_reads(text: str) -> None:
-    given_ = text + " x lambda=.5 once=no; z lambda=.1 once=no;" + ("" if "y times" in text else " y lambda=.2 once=no;")
+    given_ = (
+        text + " x lambda=.5 once=no; z lambda=.1 once=no;" + ("" if "y times" in text else " y lambda=.2 once=no;")
+    )
     tree = rvaft.loads(f"toplevel t; {given_}")
     samples = 4000
     exact = Analysis(of_tree(tree)).at(2.0)

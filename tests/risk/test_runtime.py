@@ -32,12 +32,6 @@ def test_known_values() -> None:
     assert risks(text, "xx")[-1] == pytest.approx(0.2591817793)
 
 
-MOTORBIKE = (
-    'toplevel "t"; "t" or "f" "r" "e"; "f" wsp "fw" "s"; "r" wsp "rw" "s"; "e" lambda=.2; "fw" lambda=1; "rw" lambda=1; '
-    '"s" lambda=1 dorm=0;'
-)
-
-
 def test_an_event_that_the_model_excludes_changes_nothing_and_is_counted() -> None:
     monitor = watching("t and x y; x lambda=.5; y lambda=.2;")
     first = monitor.step({"event": "x"})
@@ -56,9 +50,7 @@ def test_what_raises_the_risk_most_is_told() -> None:
 
 
 def test_the_most_advanced_match_is_told_with_its_values() -> None:
-    text = (
-        'event e(n, u) = {event: n, user: u}; t sand x y; x on e("x", U) lambda=.5; y on e("y", U) lambda=.2;'
-    )
+    text = 'event e(n, u) = {event: n, user: u}; t sand x y; x on e("x", U) lambda=.5; y on e("y", U) lambda=.2;'
     monitor = watching(text)
     events = [("y", "a"), ("x", "a"), ("x", "b"), ("y", "c"), ("y", "b")]
     found = [monitor.step({"event": name, "user": user}) for name, user in events]

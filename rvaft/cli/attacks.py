@@ -1,15 +1,14 @@
 """`rvaft attacks`: minimal attacks, and what attackers gain for what they spend."""
 
-import csv
-import io
 import json
 import sys
+from dataclasses import asdict
 from typing import Final
 
 import click
 
 from rvaft.cli import options
-from rvaft.cli.risk_tree import Horizon, number_text, risk_tree, time_option
+from rvaft.cli.risk_tree import Horizon, csv_text, number_text, risk_tree, time_option, without_option
 from rvaft.model.nodes import Kind
 from rvaft.risk.attacks import Attack, Attacks
 from rvaft.risk.model import without
@@ -29,7 +28,7 @@ _LIST: Final = (
 @time_option("--time", "horizon")
 @options.number("--max-order", least=1, text="Only minimal attacks of sets of at most this many leaves.")
 @options.number("--limit", default=100, least=1, text="Maximum number of minimal attacks to list.")
-@click.option("--without", "gone", multiple=True, metavar="NODE", help="As if this node never happened; repeatable.")
+@without_option
 @options.output_format("text", "json", "csv")
 def attacks_command(
     *,
@@ -66,20 +65,13 @@ def attacks_command(
 
 def _written(found: list[Attack], form: str) -> str:
     if form == "json":
-        rows = [
-            {"steps": one.steps, "cost": one.cost, "probability": one.probability, "damage": one.damage}
-            for one in found
-        ]
-        return json.dumps(rows, indent=2) + "\n"
+        return json.dumps([asdict(one) for one in found], indent=2) + "\n"
     if form == "csv":
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(("cost", "probability", "damage", "steps"))
-        writer.writerows((one.cost, repr(one.probability), repr(one.damage), " ".join(one.steps)) for one in found)
-        return stream.getvalue()
-    rows_ = [("COST", "PROBABILITY", "DAMAGE", "STEPS")]
-    rows_ += [
+        head = ("cost", "probability", "damage", "steps")
+        return csv_text([head, *((one.cost, one.probability, one.damage, " ".join(one.steps)) for one in found)])
+    rows = [("COST", "PROBABILITY", "DAMAGE", "STEPS")]
+    rows += [
         (number_text(one.cost), number_text(one.probability), number_text(one.damage), ", ".join(one.steps) or "(none)")
         for one in found
     ]
-    return "".join(f"{line}\n" for line in columns(rows_))
+    return "".join(f"{line}\n" for line in columns(rows))

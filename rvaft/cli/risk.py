@@ -1,171 +1,36 @@
-"""`rvaft cut-sets` and `rvaft risk`: what brings a tree about, and how likely it is."""
+"""`rvaft risk`: how likely a tree is, and what matters to it."""
 
-import csv
-import io
 import json
 import math
 import sys
-from collections.abc import Iterable, Sequence
-from typing import Any, Final
+from contextlib import suppress
+from dataclasses import asdict
+from typing import Final
 
 import click
 
 from rvaft.cli import options, warn
-from rvaft.cli.risk_tree import Horizon, number_text, risk_tree, time_option
-from rvaft.errors import RvaftError
+from rvaft.cli.risk_tree import Horizon, csv_text, number_text, risk_tree, time_option, without_option
+from rvaft.engine.monitor import Engine
+from rvaft.errors import OptionError, RvaftError, TooLarge
+from rvaft.model.expressions import name_text
 from rvaft.model.nodes import Kind
-from rvaft.risk.cut_sets import CutSet, CutSets
+from rvaft.model.verdict import Semantics
+from rvaft.risk.cut_sets import CutSets
 from rvaft.risk.model import RiskTree, without
-from rvaft.risk.probability import Analysis, Importance, leaf_probability
+from rvaft.risk.probability import Analysis, Importance, dynamic_parts, leaf_probability
+from rvaft.risk.pruning import Pruning, prunable
+from rvaft.risk.simulation import Simulation
+from rvaft.support.terminal import columns
 from rvaft.support.wording import counted
 
 _POINTS: Final = 1000
 _CHART: Final = 50
-
-
-def _rows(rows: Iterable[Sequence[object]]) -> str:
-    stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows(rows)
-    return stream.getvalue()
-
-
-def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-# ---- cut sets ---------------------------------------------------------------------------------------
-
-
-@click.command("cut-sets")
-@options.tree_argument
-@options.part_options
-@options.number("--max-order", least=0, text="Only sets of at most this many events.")
-@options.number("--limit", default=100, least=0, text="Maximum number of sets to list.")
-@click.option("--most-probable", is_flag=True, help="List the most probable sets, with their probabilities.")
-@time_option("--time", "horizon")
-@click.option("--without", "gone", multiple=True, metavar="NODE", help="As if this node never happened; repeatable.")
-@options.output_format("text", "json", "csv", "tex")
-def cut_sets_command(
-    *,
-    tree: str,
-    branch: int | None,
-    kind: Kind | None,
-    max_order: int | None,
-    limit: int,
-    most_probable: bool,
-    horizon: Horizon | None,
-    gone: tuple[str, ...],
-    form: str,
-) -> int:
-    """List the minimal cut sets of a tree: the least sets of leaves that bring its root about.
-
-    Where order matters, a set says which event comes before which. A single point of failure is a
-    set of one event.
-    """
-    options.refuse(horizon is not None and not most_probable, "--time needs --most-probable")
-    given = risk_tree(tree, branch=branch, kind=kind)
-    for name in gone:
-        given = without(given, name)
-    found = CutSets(given, order=max_order)
-    if most_probable:
-        given.require_numbers()
-        chances = _chances(given, horizon)
-        listed: list[tuple[CutSet, float | None]] = [*found.most_probable(limit, chances)]
-    else:
-        listed = [(one, None) for one in found.listed(limit)]
-    if not found.complete:
-        warn(f"only sets of at most {counted(max_order or 0)} were sought: there may be larger ones")
-    match form:
-        case "json":
-            sys.stdout.write(json.dumps(_cut_sets_json(found, listed), indent=2) + "\n")
-        case "csv":
-            head = ("order", "probability", "leaves", "sequence")
-            rows = [
-                (one.order, "" if p is None else repr(p), " ".join(one.leaves), "; ".join(_order_texts(one)))
-                for one, p in listed
-            ]
-            sys.stdout.write(_rows([head, *rows]))
-        case "tex":
-            sys.stdout.write(_cut_sets_tex(listed))
-        case _:
-            sys.stdout.write(_cut_sets_text(found, listed))
-    return 0
-
-
-def _chances(tree: RiskTree, horizon: Horizon | None) -> dict[str, float]:
-    unit = tree.unit
-    options.refuse(horizon is None and unit is not None, "the tree has rates: say --time TIME")
-    if horizon is not None:
-        horizon.require(unit)
-    return {name: leaf_probability(leaf, horizon.value if horizon else 0.0) for name, leaf in tree.leaves.items()}
-
-
-def _order_texts(one: CutSet) -> list[str]:
-    found: list[str] = []
-    for part in one.sequences:
-        pairs = [f"{first} before {then}" for first, then in part.before]
-        found.append(
-            ", ".join(pairs) if not part.orders else " or ".join(" then ".join(order) for order in part.orders)
-        )
-    return found
-
-
-def _cut_sets_text(found: CutSets, listed: list[tuple[CutSet, float | None]]) -> str:
-    lines = [f"{counted(found.count, 'minimal cut set')}" + ("" if found.complete else " up to this order")]
-    orders = found.by_order()
-    lines += [f"  {counted(number, 'set')} of {counted(order)}" for order, number in sorted(orders.items())]
-    kinds = found.by_kind()
-    if any(kinds.keys() - {frozenset()}):
-        named = {
-            "faults only": frozenset([Kind.FAULT]),
-            "attacks only": frozenset([Kind.ATTACK]),
-            "faults and attacks": frozenset(Kind),
-            "no kind": frozenset(),
-        }
-        lines += [f"  {kinds[key]:,} {text}" for text, key in named.items() if kinds[key]]
-    lines.append("")
-    for number, (one, p) in enumerate(listed, 1):
-        chance = "" if p is None else f"{number_text(p)}  "
-        order = "".join(f"  ({text})" for text in _order_texts(one))
-        single = "  single point of failure" if one.order == 1 else ""
-        lines.append(f"{number:>4}  {chance}{', '.join(one.leaves)}{order}{single}")
-    if len(listed) < found.count:
-        lines.append(f"      … {found.count - len(listed):,} more: --limit N lists N of them")
-    return "\n".join(lines) + "\n"
-
-
-def _cut_sets_json(found: CutSets, listed: list[tuple[CutSet, float | None]]) -> dict[str, Any]:
-    return {
-        "count": found.count,
-        "complete": found.complete,
-        "by_order": {str(order): number for order, number in sorted(found.by_order().items())},
-        "by_kind": {" ".join(sorted(kinds)) or "none": number for kinds, number in found.by_kind().items()},
-        "sets": [
-            {"leaves": one.leaves, "order": one.order}
-            | ({} if p is None else {"probability": p})
-            | (
-                {"sequences": [{"before": part.before, "orders": part.orders} for part in one.sequences]}
-                if one.sequences
-                else {}
-            )
-            for one, p in listed
-        ],
-    }
-
-
-def _cut_sets_tex(listed: list[tuple[CutSet, float | None]]) -> str:
-    from rvaft.export.latex import escaped  # noqa: PLC0415 -- imported on use
-
-    lines = [r"\begin{tabular}{rrl}", r"\toprule", r"order & probability & minimal cut set \\", r"\midrule"]
-    for one, p in listed:
-        order = "".join(f" ({escaped(text)})" for text in _order_texts(one))
-        names = ", ".join(map(escaped, one.leaves))
-        lines.append(rf"{one.order} & {'--' if p is None else number_text(p)} & {names}{order} \\")
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}"]) + "\n"
-
-
-# ---- probability ------------------------------------------------------------------------------------
+_BOUND_ORDER: Final = 4
+_BOUND_NODES: Final = 1_000_000
+_MOST_SETS: Final = 100_000
+_PRUNE: Final = "List what may be pruned so that the probability falls by at most P."
+_SIMULATE: Final = "Estimate the probability from N simulated logs, which also windows and absent events allow."
 
 
 @click.command("risk")
@@ -174,7 +39,11 @@ def _cut_sets_tex(listed: list[tuple[CutSet, float | None]]) -> str:
 @time_option("--time", "horizon")
 @options.number("--curve", least=1, most=_POINTS, text="Probabilities at this many equal steps up to --time.")
 @click.option("--importance", is_flag=True, help="How much each leaf matters, the most important first.")
-@click.option("--without", "gone", multiple=True, metavar="NODE", help="As if this node never happened; repeatable.")
+@without_option
+@click.option("--prune-below", type=click.FloatRange(0, 1), callback=options.finite, metavar="P", help=_PRUNE)
+@options.number("--simulate", "samples", metavar="N", most=10_000_000, text=_SIMULATE)
+@options.number("--seed", default=1, least=0, text="Seed of --simulate.")
+@options.semantics_option
 @options.output_format("text", "json", "csv")
 def risk_command(
     *,
@@ -185,6 +54,10 @@ def risk_command(
     curve: int | None,
     importance: bool,
     gone: tuple[str, ...],
+    prune_below: float | None,
+    samples: int | None,
+    seed: int,
+    semantics: Semantics | None,
     form: str,
 ) -> int:
     """Compute the probability that the root of a tree has happened by a time.
@@ -193,10 +66,14 @@ def risk_command(
     are computed by a decision diagram, those in which order matters by Markov chains of their parts;
     both are exact.
     """
-    options.exclusive(curve=curve, importance=importance)
+    options.exclusive(**{"curve": curve, "importance": importance, "prune-below": prune_below, "simulate": samples})
     given = risk_tree(tree, branch=branch, kind=kind)
     for name in gone:
         given = without(given, name)
+    if samples is not None:
+        options.refuse(gone, "--simulate draws logs of the whole tree: omit --without")
+        return _simulate(given, horizon, samples, seed, semantics, form)
+    options.refuse(semantics is not None, "--semantics needs --simulate: chains and diagrams are for scattered")
     analysis = Analysis(given)
     options.refuse(horizon is None and analysis.unit is not None, "the tree has rates: say --time TIME")
     if horizon is not None:
@@ -209,14 +86,20 @@ def risk_command(
             raise click.UsageError("--curve needs --time", click.get_current_context())
         _write_curve(analysis, horizon, curve, form)
     elif importance:
-        _write_importance(analysis.importance(time), form)
+        _write_importance(given, analysis.importance(time), time, form)
+    elif prune_below is not None:
+        _write_pruning(prunable(given, time, prune_below), form)
     else:
         _write_risk(analysis, horizon, time, form)
     return 0
 
 
 def _write_risk(analysis: Analysis, horizon: Horizon | None, time: float, form: str) -> None:
-    probability = analysis.at(time)
+    try:
+        probability = analysis.at(time)
+    except TooLarge as error:
+        _note_bound(error, analysis.tree, time)
+        raise
     mean, why = None, ""
     try:
         mean = analysis.mean_time() if analysis.unit is not None else None
@@ -229,7 +112,7 @@ def _write_risk(analysis: Analysis, horizon: Horizon | None, time: float, form: 
         sys.stdout.write(json.dumps(found | extra, indent=2) + "\n")
         return
     if form == "csv":
-        sys.stdout.write(_rows([("time", "probability"), (time, repr(probability))]))
+        sys.stdout.write(csv_text([("time", "probability"), (time, repr(probability))]))
         return
     by = f" by {horizon.text}" if horizon else ""
     lines = [(f"P({analysis.tree.root}{by})", number_text(probability))]
@@ -238,7 +121,59 @@ def _write_risk(analysis: Analysis, horizon: Horizon | None, time: float, form: 
     elif why or mean is not None:
         lines.append(("mean time to it", why or "infinite: it may never happen"))
     lines += [(f"Markov chain of {part}", counted(states, "state")) for part, states in chains.items()]
-    sys.stdout.write("\n".join(_aligned(lines)) + "\n")
+    sys.stdout.write("\n".join(columns(lines)) + "\n")
+
+
+def _note_bound(error: TooLarge, tree: RiskTree, time: float) -> None:
+    """Add what is known all the same: a lower bound from the smallest cut sets."""
+    if dynamic_parts(tree):
+        return
+    chances = {name: leaf_probability(leaf, time) for name, leaf in tree.leaves.items()}
+    for order in range(_BOUND_ORDER, 0, -1):
+        with suppress(TooLarge):
+            found = CutSets(tree, order=order, nodes=_BOUND_NODES)
+            bound = found.probability(chances, nodes=_BOUND_NODES)
+            sets = f"{counted(found.count, 'minimal cut set')} of at most {counted(order)}"
+            error.add_note(f"{sets} give the lower bound {bound:.10g}; no upper bound is known")
+            return
+
+
+def _simulate(
+    given: RiskTree, horizon: Horizon | None, samples: int, seed: int, semantics: Semantics | None, form: str
+) -> int:
+    """Print an estimate."""
+    if given.tree is None:
+        raise OptionError("dynamic gates of Galileo are not simulated: their chains are exact")
+    if horizon is None:
+        raise click.UsageError("--simulate needs --time", click.get_current_context())
+    horizon.require(given.unit)
+    meaning = semantics or Semantics.SCATTERED
+    simulation = Simulation(given.tree, given)
+    found = simulation.estimate(Engine(given.tree, meaning), horizon.value, samples=samples, seed=seed)
+    if form == "json":
+        sys.stdout.write(json.dumps({"semantics": meaning, "time": horizon.value, **asdict(found)}, indent=2) + "\n")
+    elif form == "csv":
+        sys.stdout.write(csv_text([tuple(asdict(found)), tuple(asdict(found).values())]))
+    else:
+        lines = [
+            (f"P({given.root} by {horizon.text})", f"{found.probability:.6g}"),
+            ("95 % interval", f"{found.low:.6g} to {found.high:.6g}"),
+            ("estimated from", f"{counted(samples, 'simulated log')}, seed {seed}, {meaning}"),
+        ]
+        sys.stdout.write("\n".join(columns(lines)) + "\n")
+    return 0
+
+
+def _write_pruning(found: Pruning, form: str) -> None:
+    if form == "json":
+        rows = {"nodes": found.nodes, "before": found.before, "after": found.after, "lost": found.lost}
+        sys.stdout.write(json.dumps(rows, indent=2) + "\n")
+    elif form == "csv":
+        sys.stdout.write(csv_text([("node",), *((name,) for name in found.nodes)]))
+    else:
+        note = f"// P falls from {number_text(found.before)} to {number_text(found.after)}, by {found.lost:.3g}"
+        lines = [f"prune {' '.join(map(name_text, found.nodes))};"] if found.nodes else ["// nothing can be pruned"]
+        sys.stdout.write("\n".join([note, *lines]) + "\n")
 
 
 def _finite(value: float | None) -> float | None:
@@ -254,7 +189,7 @@ def _write_curve(analysis: Analysis, horizon: Horizon, points: int, form: str) -
         )
     elif form == "csv":
         sys.stdout.write(
-            _rows([("time", "probability"), *((repr(t), repr(p)) for t, p in zip(times, found, strict=True))])
+            csv_text([("time", "probability"), *((repr(t), repr(p)) for t, p in zip(times, found, strict=True))])
         )
     else:
         most = max(found) or 1.0
@@ -262,9 +197,10 @@ def _write_curve(analysis: Analysis, horizon: Horizon, points: int, form: str) -
             (horizon.shown(t), number_text(p), "█" * round(_CHART * p / most))
             for t, p in zip(times, found, strict=True)
         ]
-        sys.stdout.write("\n".join(_aligned([("time", "probability", ""), *rows])) + "\n")
+        sys.stdout.write("\n".join(columns([("time", "probability", ""), *rows])) + "\n")
 
 
+_SHARE: Final = "cut_set_share"
 _MEASURES: Final = {
     "leaf": "leaf",
     "probability": "probability",
@@ -273,13 +209,28 @@ _MEASURES: Final = {
     "diagnostic": "DIF",
     "achievement": "RAW",
     "reduction": "RRW",
+    _SHARE: "cut-set FV",
 }
 """The measures of importance, by the names that safety engineers give them."""
 
 
-def _write_importance(found: list[Importance], form: str) -> None:
+def _cut_set_shares(tree: RiskTree, found: list[Importance], time: float) -> dict[str, float]:
+    """Return the cut-set Fussell-Vesely importance of each leaf of a static tree with few cut sets."""
+    if dynamic_parts(tree):
+        return {}
+    chances = {name: leaf_probability(leaf, time) for name, leaf in tree.leaves.items()}
+    with suppress(TooLarge):
+        sets = CutSets(tree, nodes=_BOUND_NODES)
+        whole = sets.probability(chances, nodes=_BOUND_NODES)
+        if whole and sets.count <= _MOST_SETS:
+            return {one.leaf: sets.probability(chances, one.leaf, nodes=_BOUND_NODES) / whole for one in found}
+    return {}
+
+
+def _write_importance(tree: RiskTree, found: list[Importance], time: float, form: str) -> None:
     found = sorted(found, key=lambda one: -one.birnbaum)
-    values = [[getattr(one, name) for name in _MEASURES] for one in found]
+    shares = _cut_set_shares(tree, found, time)
+    values = [[shares.get(one.leaf) if name == _SHARE else getattr(one, name) for name in _MEASURES] for one in found]
     if form == "json":
         keys = list(_MEASURES)
         rows = [
@@ -287,7 +238,7 @@ def _write_importance(found: list[Importance], form: str) -> None:
         ]
         sys.stdout.write(json.dumps(rows, indent=2) + "\n")
     elif form == "csv":
-        sys.stdout.write(_rows([[*_MEASURES.values()], *[["" if v is None else v for v in row] for row in values]]))
+        sys.stdout.write(csv_text([[*_MEASURES.values()], *[["" if v is None else v for v in row] for row in values]]))
     else:
         texts = [["" if v is None else v if isinstance(v, str) else number_text(v) for v in row] for row in values]
-        sys.stdout.write("\n".join(_aligned([[*_MEASURES.values()], *texts])) + "\n")
+        sys.stdout.write("\n".join(columns([[*_MEASURES.values()], *texts])) + "\n")

@@ -1,8 +1,10 @@
 """What the commands about risk share: the time that is asked for, and the tree with its numbers."""
 
+import csv
+import io
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Final
 
 import click
@@ -71,6 +73,18 @@ def risk_tree(tree: str, *, branch: int | None = None, kind: Kind | None = None)
         return of_draft(draft)
     whole = checked(draft)
     return of_tree(whole if branch is None and kind is None else restrict(whole, branch=branch, kind=kind))
+
+
+without_option: Final = click.option(
+    "--without", "gone", multiple=True, metavar="NODE", help="As if this node never happened; repeatable."
+)
+
+
+def csv_text(rows: Iterable[Sequence[object]]) -> str:
+    """Return rows as CSV."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(rows)
+    return stream.getvalue()
 
 
 def number_text(value: float) -> str:

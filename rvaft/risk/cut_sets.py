@@ -11,13 +11,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, permutations
-from typing import Final, NamedTuple, assert_never
+from typing import Any, Final, NamedTuple, assert_never
 
-from rvaft.errors import TooLarge
+from rvaft.errors import TooLarge, installed
 from rvaft.model.nodes import Kind
 from rvaft.risk.chain import Machine, State
-from rvaft.risk.diagram import walk
-from rvaft.risk.model import Op, RiskTree, below
+from rvaft.risk.diagram import DEFAULT_NODES as DIAGRAM
+from rvaft.risk.diagram import flat_diagram, walk
+from rvaft.risk.model import PACKAGES, Op, RiskTree, below
 from rvaft.risk.probability import dynamic_parts
 
 NONE: Final = 0
@@ -433,6 +434,30 @@ class CutSets:
                     number += 1
                     heapq.heappush(waiting, (-now * best[one], number, one, many, now))
         return found
+
+    def probability(self, chances: Mapping[str, float], leaf: str | None = None, *, nodes: int = DIAGRAM) -> float:
+        """Return the probability that all leaves of a set have happened, of some set, with `leaf` if it is given.
+
+        If all sets are there and no order matters, that is the probability of the root without a
+        `leaf`; of sets up to an order it is a lower bound. Raises `TooLarge` beyond a number of nodes.
+        """
+        oxidd = installed("oxidd.bdd", "oxidd", PACKAGES)
+        manager = oxidd.BDDManager(nodes, max(1024, nodes // 4), 1)
+        manager.add_vars(len(self.names))
+        wanted = -1 if leaf is None else self._number[leaf]
+        some: dict[int, Any] = {NONE: manager.false(), UNIT: manager.true()}
+        own: dict[int, Any] = {NONE: manager.false(), UNIT: manager.false()}
+        try:
+            for node in self.families.below(self.root):
+                variable, with_it, without = self.families.nodes[node]
+                here = manager.true() if variable in self.sequences else manager.var(variable)
+                some[node] = (here & some[with_it]) | some[without]
+                own[node] = (here & (some if variable == wanted else own)[with_it]) | own[without]
+            function = (some if leaf is None else own)[self.root]
+            made = flat_diagram(tuple(self.names), [function], nodes)
+        except MemoryError:
+            raise TooLarge("nodes of a decision diagram", limit=nodes) from None
+        return float(made.probability({"": 1.0, **chances}))
 
     def _chance(self, variable: int, chances: Mapping[str, float]) -> float:
         return 1.0 if variable in self.sequences else chances[self.names[variable]]

@@ -116,7 +116,7 @@ def diagram(
                 changed = changed or made[name] != found
                 made[name] = found
             if not causes or not changed:
-                return _flat(tuple(variables), [made[name] for name in (tree.root, *others)], nodes)
+                return flat_diagram(tuple(variables), [made[name] for name in (tree.root, *others)], nodes)
     except MemoryError:
         raise TooLarge("nodes of a decision diagram", limit=nodes) from None
 
@@ -163,7 +163,8 @@ def _gate(manager: Any, op: Op, need: int, parts: list[Any]) -> Any:
             assert_never(op)
 
 
-def _flat(variables: tuple[str, ...], roots: list[Any], limit: int) -> Diagram:
+def flat_diagram(variables: tuple[str, ...], roots: list[Any], limit: int) -> Diagram:
+    """Return functions of oxidd as a diagram; raises `TooLarge` beyond a number of nodes."""
     place: dict[Any, int] = {}
     nodes: list[Node] = []
 

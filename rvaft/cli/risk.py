@@ -72,7 +72,7 @@ def risk_command(
         given = without(given, name)
     if samples is not None:
         options.refuse(gone, "--simulate draws logs of the whole tree: omit --without")
-        return _simulate(given, horizon, samples, seed, semantics, form)
+        return _simulate(given, horizon, samples=samples, seed=seed, semantics=semantics, form=form)
     options.refuse(semantics is not None, "--semantics needs --simulate: chains and diagrams are for scattered")
     analysis = Analysis(given)
     options.refuse(horizon is None and analysis.unit is not None, "the tree has rates: say --time TIME")
@@ -139,7 +139,7 @@ def _note_bound(error: TooLarge, tree: RiskTree, time: float) -> None:
 
 
 def _simulate(
-    given: RiskTree, horizon: Horizon | None, samples: int, seed: int, semantics: Semantics | None, form: str
+    given: RiskTree, horizon: Horizon | None, *, samples: int, seed: int, semantics: Semantics | None, form: str
 ) -> int:
     """Print an estimate."""
     if given.tree is None:

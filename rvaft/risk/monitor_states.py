@@ -11,7 +11,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor, twin
-from rvaft.risk.model import PACKAGES, RiskError, RiskTree, later_leaves
+from rvaft.risk.model import PACKAGES, RiskError, RiskTree
 from rvaft.risk.runtime import Next, Outlook
 from rvaft.risk.simulation import Simulation
 from rvaft.risk.transient import reached
@@ -49,12 +49,6 @@ class MonitorStates:
         wrong = next((one.leaf for one in simulated.patterns if one.leaf.numbers.chance is not None), None)
         if wrong is not None:
             raise RiskError(f"{wrong.node} has a probability, not a rate: see --semantics scattered")
-        waiting = next(
-            (one.leaf for one in simulated.patterns if one.leaf.once and one.leaf.name in later_leaves(form)), None
-        )
-        if waiting is not None:
-            raise RiskError(f"{waiting.node} is a failure whose clock starts with a later part of a sequence: see "
-                            "--semantics scattered, or write once=no for an event that recurs")  # fmt: skip
         self._patterns, self._samples = simulated.patterns, simulated.events
         self._horizon, self._limit = horizon, states
         self._start = monitor

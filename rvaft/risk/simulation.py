@@ -17,7 +17,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.risk.model import Leaf, RiskError, RiskTree
+from rvaft.risk.model import Leaf, RiskError, RiskTree, later_leaves
 from rvaft.risk.runtime import LeafPattern, leaf_patterns
 
 DEFAULT_SAMPLES: Final = 10_000
@@ -73,6 +73,13 @@ class Simulation:
         for leaf in leaves:
             if leaf.name not in shown and not leaf.guard:
                 raise RiskError(f"no event shows {leaf.node}, so a simulated log cannot have it")
+        later = later_leaves(form)
+        for one in self.patterns:
+            if one.leaf.once and one.leaf.name in later:
+                raise RiskError(
+                    f"{one.leaf.node} is a failure whose clock starts with a later part of a sequence, which a log "
+                    "does not tell: write once=no for an event that recurs"
+                )
         self.events = {one.leaf.name: self._event(one) for one in self.patterns}
         self._leaves = [one.leaf for one in self.patterns]
 

@@ -4,6 +4,7 @@
 drawings are imported on use: a translation needs neither.
 """
 
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
@@ -47,6 +48,11 @@ from rvaft.rules.validity import valid_part
 
 if TYPE_CHECKING:
     from rvaft.diagnosis.near_misses import NearMisses
+    from rvaft.risk.attacks import Attacks
+    from rvaft.risk.cut_sets import CutSets
+    from rvaft.risk.model import RiskTree
+    from rvaft.risk.probability import Analysis
+    from rvaft.risk.runtime import RiskMonitor
 
 __all__ = [
     "RVAFT",
@@ -91,14 +97,18 @@ __all__ = [
     "Without",
     "WrongType",
     "all_backends",
+    "analysis",
+    "attacks",
     "branches",
     "check",
+    "cut_sets",
     "dumps",
     "load",
     "loads",
     "log",
     "monitor",
     "near_misses",
+    "risk_monitor",
     "to_dot",
     "translate",
 ]
@@ -186,6 +196,72 @@ def near_misses(
     from rvaft.diagnosis.near_misses import near_misses as found  # noqa: PLC0415 -- imported on use
 
     return found(tree, events, semantics=semantics, branch=branch)
+
+
+def analysis(tree: "RVAFT | str | os.PathLike[str]") -> "Analysis":
+    """Return the analysis of the probability of a tree or a file: at a time, its curve, mean time, importance.
+
+    Times are in seconds if the rates have a unit, else in the unit of the rates. Raises `RiskError` for
+    what has no number (semantics, section 8), `TooLarge`, `ToolMissing` without the extra `risk`, and
+    the errors of `load`.
+
+    >>> found = analysis(loads("top sand x y; x lambda=0.5; y lambda=0.2;"))
+    >>> round(found.at(1.0), 6), round(found.mean_time(), 6)
+    (0.039803, 7.0)
+    """
+    from rvaft.risk.probability import Analysis  # noqa: PLC0415 -- imported on use
+
+    return Analysis(_risk_tree(tree))
+
+
+def cut_sets(tree: "RVAFT | str | os.PathLike[str]", *, order: int | None = None) -> "CutSets":
+    """Return the minimal cut sets of a tree or a file, of at most `order` leaves.
+
+    Raises `RiskError`, `TooLarge`, and the errors of `load`.
+
+    >>> found = cut_sets(loads("top and g h; g or a b; h or a c;"))
+    >>> [one.leaves for one in found.listed()]
+    [('a',), ('b', 'c')]
+    """
+    from rvaft.risk.cut_sets import CutSets  # noqa: PLC0415 -- imported on use
+
+    return CutSets(_risk_tree(tree), order=order)
+
+
+def attacks(tree: "RVAFT | str | os.PathLike[str]", *, time: float | None = None) -> "Attacks":
+    """Return the attacks of a tree or a file: minimal ones, and fronts of cost, probability and damage.
+
+    `time` is needed where faults have rates. Raises `RiskError`, `TooLarge`, and the errors of `load`.
+
+    >>> found = attacks(loads("top or a b; a cost=3 prob=0.5; b cost=2 prob=0.1;"))
+    >>> [(one.steps, one.cost) for one in found.minimal()]
+    [(('b',), 2.0), (('a',), 3.0)]
+    """
+    from rvaft.risk.attacks import Attacks  # noqa: PLC0415 -- imported on use
+
+    return Attacks(_risk_tree(tree), time)
+
+
+def risk_monitor(tree: "RVAFT | str | os.PathLike[str]", horizon: float) -> "RiskMonitor":
+    """Return a monitor of the probability that a tree or a file is detected within a horizon, given the events so far.
+
+    The horizon is in seconds if the rates have a unit. The semantics is `scattered`. Raises `RiskError`,
+    `TooLarge`, and the errors of `load`.
+
+    >>> watching = risk_monitor(loads("top sand x y; x lambda=0.5; y lambda=0.2;"), 1.0)
+    >>> round(watching.risk, 6), round(watching.step({"event": "x"}), 6), watching.outlook().next[0].leaf
+    (0.039803, 0.181269, 'y')
+    """
+    from rvaft.risk.runtime import RiskMonitor  # noqa: PLC0415 -- imported on use
+
+    return RiskMonitor(tree if isinstance(tree, RVAFT) else load(tree), _risk_tree(tree), horizon)
+
+
+def _risk_tree(tree: "RVAFT | str | os.PathLike[str]") -> "RiskTree":
+    from rvaft.risk.model import of_file, of_tree  # noqa: PLC0415 -- imported on use
+
+    expect("tree", tree, RVAFT | str | os.PathLike, f"{_TREE}, or the path of a file")
+    return of_tree(tree) if isinstance(tree, RVAFT) else of_file(tree)
 
 
 def log(frame: object) -> Iterator[dict[str, Any]]:

@@ -10,13 +10,12 @@ from typing import Final
 import click
 
 from rvaft.cli import options
-from rvaft.core.restriction import restrict
 from rvaft.errors import OptionError
 from rvaft.model.event_time import UNITS, duration
 from rvaft.model.nodes import Kind
 from rvaft.model.quantities import NANOSECONDS
 from rvaft.risk.model import RiskTree, of_draft, of_tree
-from rvaft.rules.loading import checked
+from rvaft.rules.validity import valid_part
 
 TIME: Final = "The time at which to ask, as in '1000 h'; a number alone if the rates have no unit."
 
@@ -67,12 +66,12 @@ def _horizon(_context: object, _parameter: object, text: str | None) -> Horizon 
 
 def risk_tree(tree: str, *, branch: int | None = None, kind: Kind | None = None) -> RiskTree:
     """Read a tree for an analysis: dynamic gates of Galileo keep their own meaning."""
-    draft = options.read_draft_as_written(tree)
-    if any(use.value.dynamic for node in draft.nodes.values() for use in node.gates):
-        options.refuse(branch is not None or kind is not None, "dynamic gates of Galileo have no branches or kinds")
-        return of_draft(draft)
-    whole = checked(draft)
-    return of_tree(whole if branch is None and kind is None else restrict(whole, branch=branch, kind=kind))
+    form = of_draft(options.read_draft_as_written(tree))
+    if branch is None and kind is None:
+        return form
+    if form.tree is None:
+        raise OptionError("dynamic gates of Galileo have no branches or kinds: omit --branch and --kind")
+    return of_tree(valid_part(form.tree, branch, kind))
 
 
 without_option: Final = click.option(

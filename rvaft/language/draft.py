@@ -274,6 +274,7 @@ class Draft:
             assumes=[said.value for said in self.assumes],
             shows=[shown.value for shown in self.shows],
             repeat_by=_first(self.repeats),
+            translated=bool(self.dynamic_gates),
         )
 
     def settings(self) -> dict[str, Sequence[Located[object]]]:

@@ -52,7 +52,8 @@ class RVAFT:
     """An attack-fault tree with runtime events.
 
     `nodes` has the order of declaration. A restricted tree has its origin in `part_of` and keeps
-    the `alphabet` of the whole tree. `topics` are the ROS topics by absolute name; `time` and
+    the `alphabet` of the whole tree. `translated` is whether dynamic gates of Galileo were read as others, for
+    monitors. `topics` are the ROS topics by absolute name; `time` and
     `semantics` may be None. `assumes` are the stated assumptions; ORDER is among them if `time` has
     a lateness. `shows` are the variables of `show`, and
     `repeat_by` that of `repeat by`. Trees with equal content are equal regardless of
@@ -83,6 +84,7 @@ class RVAFT:
         shows: Iterable[str] = (),
         repeat_by: str | None = None,
         part_of: "Whole | None" = None,
+        translated: bool = False,
     ) -> None:
         self.root = root
         self.nodes: Mapping[str, Node] = MappingProxyType({node.name: node for node in nodes})
@@ -97,6 +99,7 @@ class RVAFT:
         self.shows = tuple(dict.fromkeys(shows))
         self.repeat_by = repeat_by
         self.part_of = part_of
+        self.translated = translated
         for event in self.events.values():
             used = pattern_variables(event.pattern)
             for parameter in event.parameters:
@@ -380,7 +383,18 @@ def knots(children: Mapping[T, Iterable[T]]) -> list[set[T]]:
 
 
 def _stated(tree: RVAFT) -> dict[str, Any]:
-    names = ("root", "ignores", "causality", "time", "semantics", "assumes", "shows", "repeat_by", "part_of")
+    names = (
+        "root",
+        "ignores",
+        "causality",
+        "time",
+        "semantics",
+        "assumes",
+        "shows",
+        "repeat_by",
+        "part_of",
+        "translated",
+    )
     kept = {name: getattr(tree, name) for name in names}
     return {**kept, **{name: tuple(getattr(tree, name).values()) for name in ("nodes", "events", "topics")}}
 

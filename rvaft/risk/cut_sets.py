@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, permutations
 from typing import Any, Final, NamedTuple, assert_never
 
-from rvaft.errors import TooLarge, installed
+from rvaft.errors import ToolMissing, TooLarge, installed
 from rvaft.model.nodes import Kind
 from rvaft.risk.chain import Machine, State
 from rvaft.risk.diagram import DEFAULT_NODES as DIAGRAM
-from rvaft.risk.diagram import flat_diagram, walk
+from rvaft.risk.diagram import diagram, flat_diagram, walk
 from rvaft.risk.model import PACKAGES, Op, RiskTree, below
 from rvaft.risk.probability import dynamic_parts
 
@@ -29,6 +29,7 @@ DEFAULT_NODES: Final = 10_000_000
 """The default number of nodes of a family: about 2 GB."""
 DEFAULT_ORDER: Final = 8
 """The default greatest length of a sequence of events."""
+_QUICK_NODES: Final = 1_000_000
 _MOST_WORDS: Final = 200_000
 
 
@@ -60,7 +61,7 @@ class Families:
 
     def single(self, variable: int) -> int:
         """Return the family with one set of one variable."""
-        return self._node(variable, UNIT, NONE) if self.order or variable in self.marks else self._left_out()
+        return self.node(variable, UNIT, NONE) if self.order or variable in self.marks else self._left_out()
 
     def weight(self, variable: int) -> int:
         """Return how much a variable counts for the order of a set."""
@@ -70,7 +71,8 @@ class Families:
         self.cut = True
         return NONE
 
-    def _node(self, variable: int, with_it: int, without: int) -> int:
+    def node(self, variable: int, with_it: int, without: int) -> int:
+        """Return the family of the sets of `with_it` with a variable, and those of `without`."""
         if with_it == NONE:
             return without
         key = (variable, with_it, without)
@@ -97,13 +99,13 @@ class Families:
             (v, v1, v0), (w, w1, w0) = self.nodes[one], self.nodes[other]
             if v == w:
                 low = self.union(v0, w0)
-                found = self._node(v, self.without(self.union(v1, w1), low), low)
+                found = self.node(v, self.without(self.union(v1, w1), low), low)
             elif v < w:
                 low = self.union(v0, other)
-                found = self._node(v, self.without(v1, low), low)
+                found = self.node(v, self.without(v1, low), low)
             else:
                 low = self.union(one, w0)
-                found = self._node(w, self.without(w1, low), low)
+                found = self.node(w, self.without(w1, low), low)
             self._unions[key] = found
         return found
 
@@ -132,7 +134,7 @@ class Families:
             else:
                 low = self.product(one, w0, left)
                 high = self.product(one, w1, left - self.weight(w))
-            found = self._products[key] = self._node(w, self.without(high, low), low)
+            found = self._products[key] = self.node(w, self.without(high, low), low)
         return found
 
     def cut_at(self, family: int, order: int) -> int:
@@ -145,7 +147,7 @@ class Families:
         found = self._products.get(key)
         if found is None:
             variable, with_it, without = self.nodes[family]
-            found = self._node(
+            found = self.node(
                 variable, self.cut_at(with_it, order - self.weight(variable)), self.cut_at(without, order)
             )
             self._products[key] = found
@@ -166,9 +168,9 @@ class Families:
         if found is None:
             w, w1, w0 = nodes[least]
             if v == w:
-                found = self._node(v, self.without(self.without(v1, w1), w0), self.without(v0, w0))
+                found = self.node(v, self.without(self.without(v1, w1), w0), self.without(v0, w0))
             else:
-                found = self._node(v, self.without(v1, least), self.without(v0, least))
+                found = self.node(v, self.without(v1, least), self.without(v0, least))
             self._differences[key] = found
         return found
 
@@ -194,7 +196,7 @@ class Families:
         if found is None:
             variable, with_it, without = self.nodes[family]
             rest = order - self.weight(variable)
-            found = self._node(variable, self.of_order(with_it, rest), self.of_order(without, order))
+            found = self.node(variable, self.of_order(with_it, rest), self.of_order(without, order))
             self._products[key] = found
         return found
 
@@ -267,12 +269,32 @@ class CutSets:
         self._number: dict[str, int] = {}
         self._weight: list[int] = []
         with _deep(len(tree.leaves) + len(tree.gates)):
-            self.root = self._build(order)
+            found = self._of_diagram() if order is None and not self.parts else None
+            self.root = self._build(order) if found is None else found
 
     @property
     def complete(self) -> bool:
         """Whether it is certain that no set was left out for its order."""
         return not self.families.cut
+
+    def _of_diagram(self) -> int | None:
+        """Return the family from a decision diagram (Rauzy, 1993), ten times faster than gate by gate.
+
+        Return None without oxidd, or if the diagram has too many nodes.
+        """
+        try:
+            made = diagram(self.tree, frozenset(), nodes=_QUICK_NODES)
+        except (TooLarge, ToolMissing):
+            return None
+        self.names = list(made.variables)
+        self._number = {name: place for place, name in enumerate(self.names)}
+        never = [self._never(name) for name in self.names]
+        families, found = self.families, [NONE, UNIT]
+        for variable, high, low in made.nodes:
+            least = found[low]
+            more = NONE if never[variable] else families.without(found[high], least)
+            found.append(families.node(variable, more, least))
+        return found[made.root]
 
     def _build(self, order: int | None) -> int:
         families, made = self.families, dict[str, int]()

@@ -4,6 +4,7 @@ Galileo's dynamic gates keep their own meaning here, which depends on times that
 observe; `rvaft.language.galileo` translates them for monitors.
 """
 
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -13,16 +14,18 @@ from typing import Final, assert_never
 from rvaft.errors import RvaftError
 from rvaft.language.draft import Draft, GateUse
 from rvaft.language.galileo import is_galileo
+from rvaft.language.parser import parse_file_as_written
 from rvaft.model.nodes import Causality, Gate, Kind, Node
 from rvaft.model.quantities import Quantities, WrongQuantity, quantities
 from rvaft.model.tree import RVAFT, find_cycle
+from rvaft.rules.loading import checked
 from rvaft.support.wording import did_you_mean
 
 PACKAGES: Final = "pip install 'rvaft[risk]'"
 """How to install what the analyses need."""
 
 
-class RiskError(RvaftError):
+class RiskError(RvaftError, ValueError):
     """A tree, or a part of one, that an analysis of risk refuses; the message has the reason."""
 
 
@@ -209,14 +212,32 @@ def of_tree(tree: RVAFT) -> RiskTree:
     >>> form.gates["top"].op.value, form.gates["top"].children
     ('sequence', ('event of top', 'parts of top'))
     """
+    if tree.translated:
+        raise RiskError(
+            "dynamic gates of Galileo were translated for monitors, and a number needs them as they are written: "
+            "analyse the file itself"
+        )
     return _Building(tree.root, tree.nodes, tree.causality, words={}, tree=tree).made()
+
+
+def of_file(path: "str | os.PathLike[str]") -> RiskTree:
+    """Return the form of the tree in a file, in which dynamic gates of Galileo keep their own meaning.
+
+    Raises `OSError`, `LanguageError`, `TreeError` and `RiskError`.
+
+    >>> of_file("trees/gates/and.rvaft").gates["top"].op
+    <Op.AND: 'and'>
+    """
+    return of_draft(parse_file_as_written(path))
 
 
 def of_draft(draft: Draft) -> RiskTree:
     """Return the form of a draft that has kept its dynamic gates.
 
-    Raises `RiskError` if it is no tree, or has something that no analysis reads.
+    Raises `TreeError` if it is no valid tree, and `RiskError` for what no analysis reads.
     """
+    if not any(use.dynamic for node in draft.nodes.values() for use, _ in node.gates):
+        return of_tree(checked(draft))
     if draft.root is None:
         raise RiskError(f"{draft.file}: the tree has no root: declare it with `toplevel NAME;`")
     words: dict[str, GateUse] = {}

@@ -39,8 +39,8 @@ DRAFT_RULES: Final = (
     Rule("duplicate-topic", Severity.ERROR, structure.duplicate_topic),
     Rule("malformed-topic", Severity.ERROR, structure.malformed_topic),
     Rule("no-time", Severity.ERROR, structure.no_time),
-    Rule("number", Severity.WARNING, structure.number),
     Rule("dynamic-gate", Severity.INFORMATION, structure.dynamic_gate),
+    Rule("number", Severity.WARNING, structure.number),
 )
 """The rules that a draft must satisfy to be a tree."""
 

@@ -75,11 +75,21 @@ def without_events(tree: RVAFT, names: Collection[str]) -> RVAFT | None:
 
     Guards and absences that name something of them are left out with them.
     """
+    nodes = _without(tree, names)
+    return None if nodes is None else _rebuilt(tree, nodes)
+
+
+def can_leave_out(tree: RVAFT, names: Collection[str]) -> bool:
+    """Whether there is a tree `without_events` of these nodes."""
+    return _without(tree, names) is not None
+
+
+def _without(tree: RVAFT, names: Collection[str]) -> dict[str, Node] | None:
     nodes, gone = dict(tree.nodes), set[str]()
     for name in sorted(names, key=lambda name: -tree.rank[name]):
         if not _leave_out(tree, nodes, gone, name):
             return None
-    return None if tree.root in gone else _rebuilt(tree, nodes)
+    return None if tree.root in gone else nodes
 
 
 def _leave_out(tree: RVAFT, nodes: dict[str, Node], gone: set[str], name: str) -> bool:

@@ -122,7 +122,6 @@ Examples:
   rvaft monitor guessing.rvaft logs/*.jsonl --repeat-by User --format ecs
   journalctl -f -o json | rvaft monitor guessing.rvaft --profile journald
 """
-_MERGE: Final = "Monitor all TRACEs as one, in the order of the times of their events."
 _METRICS: Final = "Write counts of events and detections to FILE every 5 seconds, for Prometheus."
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
 _DISTINCT: Final = "Skip an event whose id in this field came before; repeat for an id of several fields."
@@ -144,6 +143,9 @@ def stream_options(function: options.F) -> options.F:
     return function
 
 
+merge_option: Final = click.option(
+    "--merge", is_flag=True, help="Read all logs as one, in the order of the times of their events."
+)
 limit_option: Final = options.number("--max-configurations", text=_MOST)
 """The error beyond the limit also names this option."""
 
@@ -169,7 +171,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @options.deadline_options
 @log_options.log_format
 @log_options.strict_json
-@click.option("--merge", is_flag=True, help=_MERGE)
+@merge_option
 @options.number("--jobs", default=1, text="Number of processes.")
 @click.option("--exec", "execute", metavar="CMD", help="Run this command on each detection.")
 @click.option("--exec-fault", metavar="CMD", help="Run this command on each detection of a fault.")

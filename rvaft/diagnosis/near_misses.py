@@ -75,7 +75,8 @@ class NearMiss:
         """Return the near miss in a line, with the values of variables; `at` has the events by number."""
         parts = [f"{name} = {readable_json(value)}" for name, value in self.explanation.bound(tree).items()]
         first, last = self.events[0], self.events[-1]
-        times = [_time(places(at[one], tree).get("time")) for one in (first, last) if tree.time and one in at]
+        shown = [places(at[one], tree).get("time") for one in (first, last) if tree.time and one in at]
+        times = [_time(one) for one in shown] if None not in shown else []
         if first == last:
             parts.append(f"event {first}{''.join(f' at {time}' for time in times[:1])}")
         else:
@@ -337,10 +338,12 @@ class NearMissSearch:
                 return self._without(one.missing, explanation)
             case Lack.WINDOW:
                 assert node.within is not None, "its window was left out"
-                below = self._below(one.tree, node.name)
-                times = [
-                    time for name in below for at in events.get(name, ()) if (time := self._time(at, log)) is not None
-                ]
+                numbers = [at for name in self._below(one.tree, node.name) for at in events.get(name, ())]
+                known = {at: self._time(at, log) for at in sorted(numbers)}
+                untimed = [at for at, time in known.items() if time is None]
+                if untimed:
+                    return f"event {untimed[0]} of {node.name} has no time that can be read", _UNMEASURED
+                times = [time for time in known.values() if time is not None]
                 longer = max(max(times, default=0) - min(times, default=0) - node.within, 0)
                 text = f"{node.name} took {_rough(longer)} longer than {duration_text(node.within)}"
                 return text, longer / (longer + node.within) if longer else 0.0
@@ -434,7 +437,9 @@ class NearMissSearch:
             for point in time_points(node.when):
                 below = {point.node} if point.point == "at" else self._below(self.tree, point.node)
                 times = [
-                    time for one in explanation.matched if one.node in below and (time := self._time(one.event, log))
+                    time
+                    for one in explanation.matched
+                    if one.node in below and (time := self._time(one.event, log)) is not None
                 ]
                 if times:
                     found[point.name] = max(times) if point.point == "end" else min(times)

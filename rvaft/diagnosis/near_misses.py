@@ -229,8 +229,10 @@ class NearMissSearch:
             if rest is not None and self._is_never_detected(rest):
                 size = min(2 * size, len(names))
                 pairs = dict.fromkeys(pair for pair in pairs if not set(pair) <= set(group))
+            elif len(group) > len(first):
+                size = max(len(group) // 2, len(first))
             else:
-                size = max(size // 2, 2) if len(group) > len(first) else size
+                size = min(2 * size, len(names)) if self._is_monotone else size
                 del pairs[first]
                 yield first
 

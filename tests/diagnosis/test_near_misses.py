@@ -10,7 +10,7 @@ import pytest
 
 import rvaft
 from rvaft import Semantics, Verdict
-from rvaft.diagnosis.near_misses import near_misses
+from rvaft.diagnosis.near_misses import NearMissSearch, near_misses
 from rvaft.diagnosis.relaxation import Lack
 from rvaft.semantics import Reference
 from tests.cli.runs import lines, run, written
@@ -44,6 +44,24 @@ def test_each_is_a_detection_but_for_its_condition() -> None:
                 assert 0 <= miss.distance <= 1
                 assert Verdict.TRUE in Reference(miss.tree, Semantics.SCATTERED).run(events)
     assert lacks >= {Lack.EVENT, Lack.ORDER, Lack.COUNT}
+
+
+def test_groups_of_nodes_exclude_no_pair_that_is_found_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = 0
+    for shape in SHAPES:
+        random = Random(f"groups {shape}")
+        for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), 3):  # noqa: B023 (used at once)
+            events = trace_of(random, tree, shape, "scattered")[::3]
+            if Verdict.TRUE in rvaft.monitor(tree, semantics="scattered").run(events):
+                continue
+            with monkeypatch.context() as patched:
+                found = near_misses(tree, events, semantics="scattered")
+                patched.setattr(NearMissSearch, "_is_monotone", False)
+                one_by_one = near_misses(tree, events, semantics="scattered")
+            if not found.skipped and not one_by_one.skipped:
+                assert found.found == one_by_one.found
+                compared += 1
+    assert compared > 15
 
 
 def test_the_closest_of_many_addresses_is_seen_at_once(tmp_path: Path) -> None:

@@ -676,4 +676,6 @@ class Comparison:
         if source is not None and source.specification is not None:
             known |= {name: getattr(source.specification.metrics, name) for name in ("symbols", "states")}
         known |= {"masks": tuple(sorted(row.masks)), "detections_only": row.detections_only}
+        if row.participant is not None:
+            known["unknown_fields"] = row.participant.unknown
         return Result(self.job, row.name, row.status, difference=difference, outside=row.outside_assumed, **known)

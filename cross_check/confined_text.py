@@ -53,6 +53,7 @@ class ConfinedText:
         # A program can depend on anything, whatever its text says of it.
         found = None if language.executes else self._ask("observed", str | None)
         self.observed: tuple[Observed, ...] | None = None if found is None else _unpickled(b64decode(found))
+        self.fields: list[tuple[str, ...]] = [] if language.executes else self._ask("fields", list[tuple[str, ...]])
         about = self._ask("about", dict[str, bool])
         self._detects, self._leaves_open = about.get("detections", False), about.get("left_open", False)
 
@@ -187,6 +188,8 @@ class _Server:
             case "observed":
                 found = self._language.observed(self._text, atoms=self._atoms)
                 return None if found is None else b64encode(pickle.dumps(found)).decode()
+            case "fields":
+                return self._language.fields(self._text)
             case "about":
                 one = self._monitor(0)
                 return {"detections": isinstance(one, DetectionMonitor), "left_open": one.left_open is not None}

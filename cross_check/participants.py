@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial, wraps
 from itertools import chain
 from pathlib import Path
-from typing import Any, Final, ParamSpec, TypeAlias, TypeVar
+from typing import Any, Final, ParamSpec, TypeAlias, TypeVar, assert_never
 
 from cross_check.confined_text import ConfinedText, require_permission
 from cross_check.letters import ties
@@ -29,7 +29,17 @@ from rvaft.model.guards import Guard
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Assumption, Kind
-from rvaft.model.patterns import Literal, Pattern, rigid_variables, walk
+from rvaft.model.patterns import (
+    Anything,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    SomeItem,
+    Variable,
+    rigid_variables,
+    walk,
+)
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
@@ -70,6 +80,7 @@ class Participant:
     - `assumes`: what traces keep on which a text that a person wrote has to agree.
     - `written`: this text, whose constants the traces try, before those of `known`, a translation.
     - `times`: the declaration of times that the text has from the tree.
+    - `unknown`: the fields, with dots, that this text reads and no event of the tree has.
     - `remembers`: its state has all events so far, so that few proofs end.
     """
 
@@ -88,6 +99,7 @@ class Participant:
     written: str = ""
     known: str = ""
     times: str = ""
+    unknown: tuple[str, ...] = ()
     remembers: bool = False
 
     def answers(self, traces: Sequence[Sequence[Json]]) -> list[tuple[Verdict, ...]]:
@@ -387,7 +399,45 @@ class Handwritten:
         with suppress(RvaftError):
             own = reader.translate(tree, semantics).text
             found = replace(found, known=own)
-        return replace(found, assumes=tree.assumes, written=self.text, times=times)
+        return replace(
+            found,
+            assumes=tree.assumes,
+            written=self.text,
+            times=times,
+            unknown=tuple(".".join(path) for path in text.fields if not has_field(tree, path)),
+        )
+
+
+def has_field(tree: RVAFT, path: Sequence[str]) -> bool:
+    """Whether an event of a tree may have a field: a pattern or the time has it, or a value above it of any kind.
+
+    >>> tree = loads("event e(x) = { a: { b: 1 }, c: x }; top on e(_);")
+    >>> [has_field(tree, path.split(".")) for path in ("a", "a.b", "a.d", "c.d", "d")]
+    [True, True, False, True, False]
+    """
+    patterns = (
+        *(relevant.pattern for relevant in tree.alphabet),
+        *(tree.instantiate(ignore.on) for ignore in tree.ignores),
+        *(pattern for *_, pattern in tree.absences),
+    )
+    time = () if tree.time is None else tree.time.field
+    return tuple(path) in (time[:end] for end in range(1, len(time) + 1)) or any(_leads(one, path) for one in patterns)
+
+
+def _leads(pattern: Pattern, path: Sequence[str]) -> bool:
+    """Whether a path may lead to a value in an event that matches a pattern."""
+    match pattern:
+        case _ if not path:
+            return True
+        case ObjectPattern(fields):
+            first, *rest = path
+            return any(name == first and _leads(inner, rest) for name, inner in fields)
+        case Literal():
+            return False
+        case Variable() | Anything() | ListPattern() | SomeItem():
+            return True
+        case _:
+            assert_never(pattern)
 
 
 class _NodeEvents(dict[str, Pattern]):

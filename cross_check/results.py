@@ -19,6 +19,7 @@ from rvaft.model.verdict import Semantics, Verdict
 from rvaft.reports.notebook import table_html
 from rvaft.support.plugins import display
 from rvaft.support.terminal import columns, spreadsheet_cell, visible
+from rvaft.support.wording import listing
 
 
 class Status(StrEnum):
@@ -135,6 +136,7 @@ class Result:
     - `masked`, `masks`: traces with known deviations of the tool, and these deviations.
     - `matched`: traces on which all matches were compared.
     - `detections_only`: ⊥ was not compared.
+    - `unknown_fields`: the fields that the text reads and no event of the tree has.
     - `outside`: a difference on a trace that breaks an assumption of the tree; no disagreement.
     """
 
@@ -153,6 +155,7 @@ class Result:
     masks: tuple[str, ...] = ()
     matched: int = 0
     detections_only: bool = False
+    unknown_fields: tuple[str, ...] = ()
     outside: Difference | None = None
 
     def _repr_html_(self) -> str:
@@ -230,7 +233,7 @@ class ComparisonTotals:
             counts = self.statuses.setdefault((called[result.participant], result.job.semantics), Counter())
             counts[result.status] += 1
         self.differing = [result for result in every if result.status is Status.DIFFERS]
-        self.remarkable = [result for result in every if result.outside is not None]
+        self.remarkable = [result for result in every if remarks(result)]
         self.unable = [result for result in every if result.status not in _RAN]
         self.vacuous = sum(result.status is Status.VACUOUS for result in every)
         compared = {result.job for result in every if result.status.agrees or result.status is Status.DIFFERS}
@@ -349,11 +352,17 @@ def difference_lines(result: Result) -> list[str]:
     return [] if result.difference is None else _trace_lines(result, result.difference)
 
 
-def remark_lines(result: Result) -> list[str]:
-    """Return the trace that breaks an assumption of the tree, if the participant differs on it."""
-    if (found := result.outside) is None:
-        return []
-    return ["remark: it differs on a trace that breaks what the tree assumes:", *_trace_lines(result, found)]
+def remarks(result: Result) -> list[list[str]]:
+    """Return the lines of each remark: on fields of the text, and on a trace that breaks an assumption of the tree."""
+    found: list[list[str]] = []
+    if result.unknown_fields:
+        names = listing(result.unknown_fields)
+        what = f"field {names} is" if len(result.unknown_fields) == 1 else f"fields {names} are"
+        found.append([f"remark: the {what} in no event of the tree"])
+    if (other := result.outside) is not None:
+        trace = _trace_lines(result, other)
+        found.append(["remark: it differs on a trace that breaks what the tree assumes:", *trace])
+    return found
 
 
 def _trace_lines(result: Result, found: Difference) -> list[str]:
@@ -403,6 +412,7 @@ def _object(result: Result) -> dict[str, Json]:
         "seconds": round(result.seconds, 6),
         **{name: getattr(result, name) for name in sizes},
         "result": result.text,
+        "unknown_fields": result.unknown_fields,
         "difference": result.difference and _difference(result.difference),
         "outside": result.outside and _difference(result.outside),
     }
@@ -451,7 +461,8 @@ def markdown_text(results: Iterable[Result], note: str = "") -> str:
     for result in totals.differing:
         lines += ["", f"### {_cell(_named(result))}", "", *(f"    {line}" for line in difference_lines(result))]
     for result in totals.remarkable:
-        lines += ["", f"### {_cell(_named(result))}", "", *(f"    {line}" for line in remark_lines(result))]
+        shown = [f"    {line}" for some in remarks(result) for line in some]
+        lines += ["", f"### {_cell(_named(result))}", "", *shown]
     if totals.unable:
         lines += ["", "### Not compared", ""]
         lines += [f"- {_cell(f'{_named(result)}: {result.text}')}" for result in totals.unable]

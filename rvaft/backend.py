@@ -400,6 +400,13 @@ class Backend(ABC):
         """
         return None
 
+    def fields(self, text: str) -> tuple[tuple[str, ...], ...]:  # noqa: ARG002
+        """Return the paths of the fields of events that a text reads, that of the time included.
+
+        It is empty (the default) if they are not known. Raises `LanguageError`, `ToolMissing`.
+        """
+        return ()
+
     def matches(self, text: str, traces: Sequence[Sequence[Json]]) -> Sequence[frozenset[Match]] | None:  # noqa: ARG002
         """Return all matches in each trace; None (the default) if the language does not report
         them.

@@ -92,6 +92,15 @@ def test_an_instant_where_the_tree_reads_a_number_is_refused() -> None:
             rvaft.monitor(rvaft.loads(text.format(f"s{late}"))).step(events[0])
 
 
+@pytest.mark.parametrize("second", [pd.Timedelta("1s"), timedelta(seconds=1), np.timedelta64(1, "s")])
+def test_a_length_of_time_is_a_time_in_nanoseconds_alone(second: Any) -> None:
+    text, event = "time t as {}; top sand a b within 1 h;", {"event": "a", "t": second}
+    rvaft.monitor(rvaft.loads(text.format("ns"))).step(event)
+    for form in ("s", "iso8601"):
+        with pytest.raises(rvaft.WrongType, match=f"must be a value that the tree reads `as {form}`"):
+            rvaft.monitor(rvaft.loads(text.format(form))).step(event)
+
+
 def test_a_verdict_is_true_where_something_is_detected() -> None:
     monitor = rvaft.monitor(rvaft.loads("top sand a b;"))
     assert [bool(monitor.step({"event": name})) for name in "ab"] == [False, True]

@@ -110,3 +110,7 @@ class EqlBackend(Backend):
         self.require()
         queries = compiled(text)
         return DetectionMonitor(queries.first_detections, queries.left_open)
+
+    def fields(self, text: str) -> tuple[tuple[str, ...], ...]:
+        """Return the fields of conditions and keys, and that of the time if a query needs it."""
+        return compiled(text).fields

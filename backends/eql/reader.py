@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import groupby, pairwise, permutations, product
+from itertools import groupby, pairwise, permutations, product, takewhile
 from threading import Lock
 from typing import Any, Final
 
@@ -80,6 +80,14 @@ class Queries:
         self._time = time or (_DEFAULT_TIME if timed or self._missing else None)
         self._by_number = any(isinstance(part, int) for path in self._fields for part in path)
         self._engines, self._found, self._traces = list[Any](), list[Any](), 0
+
+    @property
+    def fields(self) -> tuple[tuple[str, ...], ...]:
+        """The paths of fields that the queries read, up to an index of a list."""
+        read = (takewhile(lambda part: isinstance(part, str), path) for path in self._fields)
+        timed = self._time is not None and (self._queries[1] or self._missing)
+        times = [self._time.field] if timed and self._time else []
+        return tuple(sorted({*(tuple(map(str, path)) for path in read), *times}))
 
     def _sequences(self, query: Any) -> Iterator[Any]:
         ast = self._module.ast

@@ -92,6 +92,10 @@ class KqlBackend(Backend):
         query = compiled(text)
         return DetectionMonitor(query.first_detections, query.left_open)
 
+    def fields(self, text: str) -> tuple[tuple[str, ...], ...]:
+        """Return the fields of the columns that the comments of a query define."""
+        return compiled(text).fields
+
     def matches(self, text: str, traces: Sequence[Sequence[Any]]) -> Sequence[frozenset[Match]] | None:
         """Return all matches per trace, or None if the query has only the smallest ones."""
         query = compiled(text)

@@ -9,7 +9,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, lru_cache
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any, Final, NamedTuple, TypeAlias
 
 from lark import Lark, Token, Tree
@@ -147,6 +147,13 @@ class KqlProgram:
         self.query = self._tabular(last)
         if "detected" not in self.query.types or self.query.types.get("nodes") != "bag":
             raise self._wrong("the query has no columns `detected` and `nodes`", last)
+
+    @property
+    def fields(self) -> tuple[tuple[str, ...], ...]:
+        """The paths of the fields of columns and of the time, up to an index of a list."""
+        paths = [takewhile(lambda part: isinstance(part, str), path) for *_, path in self.header.columns]
+        times = [self.time.field] if self.time is not None and self.header.time else []
+        return tuple(dict.fromkeys([*(tuple(map(str, path)) for path in paths), *times]))
 
     # Traces.
 

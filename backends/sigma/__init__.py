@@ -98,3 +98,10 @@ class SigmaBackend(Backend):
 
         self.require()
         return SigmaMonitor(text)
+
+    def fields(self, text: str) -> tuple[tuple[str, ...], ...]:
+        """Return the fields of conditions and groups, and that of the declared time."""
+        from backends.sigma.reader import fields  # noqa: PLC0415 -- imported on use
+
+        self.require()
+        return fields(text)

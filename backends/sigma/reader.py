@@ -25,6 +25,11 @@ _RELEVANT: Final = ("action", "correlation", "detection", "filter", "id", "logso
 """The relevant keys of a document, without author, date and purpose."""
 
 
+def fields(text: str) -> tuple[tuple[str, ...], ...]:
+    """Return the paths of the fields that rules read; raises `LanguageError` and `ToolMissing`."""
+    return _SigmaProgram(text).fields
+
+
 class SigmaMonitor(DetectionMonitor):
     """A monitor for a correlation; raises `LanguageError` and `ToolMissing`."""
 
@@ -81,6 +86,12 @@ class _SigmaProgram:
             if "fulltext_field" in message:
                 message = "a rule searches words without a field; name the field"
             raise LanguageError(f"not a Sigma correlation: {' '.join(message.split())[:500]}", file="<sigma>") from None
+
+    @property
+    def fields(self) -> tuple[tuple[str, ...], ...]:
+        """The paths of the fields that the rules read, and that of the time if they declare it."""
+        times = [] if self._time is None else [self._time.field]
+        return tuple(dict.fromkeys([*(tuple(name.split(".")) for name in self._fields), *times]))
 
     def _times(self, trace: Sequence[Json]) -> list[float]:
         """Return the times of the events, up to the first that does not increase.

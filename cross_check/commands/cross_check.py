@@ -87,8 +87,7 @@ class Reports:
                         shown = [f"  {visible(line)}" for line in reports.difference_lines(result)]
                         click.echo(inert("\n".join([visible(where), *shown, ""])))
                     for result in results:
-                        first, *shown = reports.remark_lines(result) or [""]
-                        if first:
+                        for first, *shown in reports.remarks(result):
                             where = f"{result.participant}: {_job(result)}: {first}"
                             click.echo(inert("\n".join([visible(where), *(f"  {visible(one)}" for one in shown), ""])))
                     if bogus is not None:

@@ -7,7 +7,7 @@ from typing import Any, Final
 import click
 
 from rvaft.cli import FAILED, log_options, options, warn
-from rvaft.cli.monitor import TracesGiven, limit_option, plan_of, require_companions, stream_options
+from rvaft.cli.monitor import TracesGiven, limit_option, merge_option, plan_of, require_companions, stream_options
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held, read_afresh
 from rvaft.cli.monitor_run import run
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
@@ -73,6 +73,7 @@ _OPTIONS: Final = (
     stream_options,
     log_options.log_format,
     log_options.strict_json,
+    merge_option,
     limit_option,
 )
 
@@ -108,6 +109,8 @@ class PageRequest:
         many = len(wholes) > 1
         options.refuse(many and branch is not None, ONE_BRANCH)
         self._traces = TracesGiven(logs, given["log_format"], live=follow)
+        if given["merge"]:
+            self._traces.merge(wholes.values())
         clock = given.get("clock")
         options.refuse(clock is not None and not follow, "--clock needs events that arrive: --follow")
         options.require_times(clock, wholes.values())

@@ -125,7 +125,6 @@ Examples:
   rvaft monitor guessing.rvaft logs/*.jsonl --repeat-by User --format ecs
   journalctl -f -o json | rvaft monitor guessing.rvaft --profile journald
 """
-_MERGE: Final = "Monitor all TRACEs as one, in the order of the times of their events."
 _RISK: Final = "After each event, the probability of a detection within this time, as in '1 h'."
 _ABOVE: Final = "With --risk and --exec: also run the command when the risk rises above this probability."
 _METRICS: Final = "Write counts of events and detections to FILE every 5 seconds, for Prometheus."
@@ -149,6 +148,9 @@ def stream_options(function: options.F) -> options.F:
     return function
 
 
+merge_option: Final = click.option(
+    "--merge", is_flag=True, help="Read all logs as one, in the order of the times of their events."
+)
 limit_option: Final = options.number("--max-configurations", text=_MOST)
 """The error beyond the limit also names this option."""
 
@@ -174,7 +176,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @options.deadline_options
 @log_options.log_format
 @log_options.strict_json
-@click.option("--merge", is_flag=True, help=_MERGE)
+@merge_option
 @options.number("--jobs", default=1, text="Number of processes.")
 @time_option("--risk", "risk", _RISK)
 @click.option("--risk-above", type=click.FloatRange(0, 1), callback=options.finite, metavar="P", help=_ABOVE)

@@ -4,14 +4,15 @@ Each condition of the tree is left out in turn, and the engine monitors what rem
 each near miss is true by the meaning of trees: but for this condition the log has a detection.
 """
 
-import json
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import combinations, pairwise
+from functools import cached_property
+from itertools import chain, combinations, pairwise
+from random import Random
 from typing import Final, assert_never, cast
 
 from rvaft.core.restriction import property_of
-from rvaft.diagnosis.relaxation import Lack, Relaxation, relaxations, with_count, without_events
+from rvaft.diagnosis.relaxation import Lack, Relaxation, can_leave_out, relaxations, with_count, without_events
 from rvaft.engine.monitor import Engine
 from rvaft.engine.selection import strategy_of
 from rvaft.errors import TooLarge, TreeError
@@ -28,12 +29,15 @@ from rvaft.monitors import DEFAULT_LIMIT, Explanation, Repetition
 from rvaft.rules.validity import valid_part
 from rvaft.stream.detection import places
 from rvaft.support.plugins import display
+from rvaft.support.terminal import readable_json
 from rvaft.support.wording import listing
 
 EVENTS: Final = 10_000
 """The number of the last events that are looked at."""
 WORK: Final = 500_000
-"""The maximum number of events that all relaxed trees together read."""
+"""The maximum number of events that all relaxed trees together read, with what their nodes cost."""
+_NODE: Final = 50
+"""The number of events whose reading takes as long as to make a monitor of a node."""
 SHOWN: Final = 5
 """The number of near misses that are shown."""
 _CLOSE: Final = 0.4
@@ -69,9 +73,10 @@ class NearMiss:
 
     def line(self, tree: RVAFT, at: Mapping[int, Json]) -> str:
         """Return the near miss in a line, with the values of variables; `at` has the events by number."""
-        parts = [f"{name} = {_json(value)}" for name, value in self.explanation.bound(tree).items()]
+        parts = [f"{name} = {readable_json(value)}" for name, value in self.explanation.bound(tree).items()]
         first, last = self.events[0], self.events[-1]
-        times = [_time(places(at[one], tree).get("time")) for one in (first, last) if tree.time and one in at]
+        shown = [places(at[one], tree).get("time") for one in (first, last) if tree.time and one in at]
+        times = [_time(one) for one in shown] if None not in shown else []
         if first == last:
             parts.append(f"event {first}{''.join(f' at {time}' for time in times[:1])}")
         else:
@@ -143,7 +148,7 @@ class NearMissSearch:
             return NearMisses(())
         found = list(self._found(tree, never))
         if not never and min((miss.distance for miss in found), default=1.0) > _CLOSE:
-            found += self._pairs()
+            found += self._pairs(found)
         found.sort(key=lambda miss: (miss.distance, -miss.events[-1]))
         kept: list[NearMiss] = []
         for miss in found if not found or found[0].distance > _FAR else (one for one in found if one.distance <= _FAR):
@@ -185,16 +190,66 @@ class NearMissSearch:
         pattern = self.tree.pattern(name) or Anything()
         return any(match(pattern, event, {}) is not None for log in self.logs for _, event in log)
 
-    def _pairs(self) -> Iterator[NearMiss]:
-        """Iterate over the near misses without two nodes, or without a node and with fewer events of another."""
-        names = [node.name for node in self.tree.top_down() if node.name != self.tree.root]
+    def _pairs(self, found: Iterable[NearMiss]) -> Iterator[NearMiss]:
+        """Iterate over the near misses without two nodes, or without a node and with fewer events of another.
+
+        A node without which each log has one of the near misses that are `found` is in no pair.
+        """
+        alone = {(miss.node, miss.log) for miss in found if miss.lack is Lack.EVENT}
+        logs = range(len(self.logs))
+        nodes = (node.name for node in self.tree.top_down() if node.name != self.tree.root)
+        names = [name for name in nodes if not all((name, log) in alone for log in logs)]
         for name in names:
             rest = without_events(self.tree, [name])
             for leaf in () if rest is None else [node.name for node in rest.top_down() if node.times > 1]:
                 yield from self._fewer(rest or self.tree, leaf, [name])
-        for pair in combinations(names, 2):
+        for pair in self._possible_pairs(names):
             if (rest := without_events(self.tree, pair)) is not None:
                 yield from self._misses(Relaxation(Lack.EVENT, pair[0], rest, missing=pair))
+
+    def _possible_pairs(self, names: Sequence[str]) -> Iterator[tuple[str, str]]:
+        """Iterate over pairs of nodes that can be left out, except those without which there is no detection.
+
+        If the tree is not detected without a whole group of nodes, it is not without any two of them. So groups are
+        tried, in random orders; they are twice as large after each that excludes its pairs, half after another one.
+        """
+        able = {pair for pair in combinations(names, 2) if can_leave_out(self.tree, pair)}
+        able |= {(other, one) for one, other in able}
+        pairs = dict.fromkeys(pair for pair in combinations(names, 2) if pair in able)
+        order, random, size = list(names), Random(0), len(names) if self._is_monotone else 2  # noqa: S311 (no secret)
+        while pairs:
+            first = next(iter(pairs))
+            group = list(first)
+            random.shuffle(order)
+            order.sort(key=set(chain.from_iterable(pairs)).__contains__, reverse=True)
+            for name in order if size > len(first) else ():
+                if len(group) < size and all((one, name) in able for one in group):
+                    group.append(name)
+            rest = without_events(self.tree, group) if len(group) > len(first) else None
+            if rest is not None and self._is_never_detected(rest):
+                size = min(2 * size, len(names))
+                pairs = dict.fromkeys(pair for pair in pairs if not set(pair) <= set(group))
+            elif len(group) > len(first):
+                size = max(len(group) // 2, len(first))
+            else:
+                size = min(2 * size, len(names)) if self._is_monotone else size
+                del pairs[first]
+                yield first
+
+    @cached_property
+    def _is_monotone(self) -> bool:
+        """Whether a tree without more nodes is detected wherever one without fewer is."""
+        return self.semantics is Semantics.SCATTERED and not any(
+            node.without or node.gate is Gate.PAND or next(iter(time_points(node.when)), None) is not None
+            for node in self.tree.top_down()
+        )
+
+    def _is_never_detected(self, tree: RVAFT) -> bool:
+        """Whether a relaxed tree is not detected in any log; False where that is not known."""
+        try:
+            return next(self._run(tree), None) is None
+        except (TreeError, TooLarge):
+            return False
 
     def _fewer(self, tree: RVAFT, leaf: str, never: Sequence[str]) -> Iterator[NearMiss]:
         """Iterate over the matches with the most events of a leaf, for each values of the variables."""
@@ -230,34 +285,37 @@ class NearMissSearch:
 
     def _detections(self, tree: RVAFT, node: str) -> Iterator[tuple[int, Explanation]]:
         """Iterate over the detections of a relaxed tree, each after the place of its log, while work is left."""
-        if self.left < self.size:
-            self.skipped.append(node)
-            return
         try:
-            valid_part(tree)
+            yield from self._run(tree)
         except TreeError:  # without the condition it means nothing, such as a variable that is not bound
             return
-        self.left -= self.size
+        except TooLarge:
+            self.skipped.append(node)
+
+    def _run(self, tree: RVAFT) -> Iterator[tuple[int, Explanation]]:
+        """As `_detections`; raises `TreeError`, or `TooLarge` also where no work is left."""
+        work = self.size + _NODE * len(tree.nodes)
+        if self.left < work:
+            raise TooLarge("events that relaxed trees read", limit=WORK)
+        self.left -= work
+        valid_part(tree)
         again = self.semantics in (Semantics.SCATTERED, Semantics.CONSECUTIVE)
         prop, by = replace(property_of(tree), alphabet=self.tree.alphabet), None  # what is relevant stays
         if self.semantics is Semantics.SCATTERED:
             by = next((name for name in tree.variables if not any(prop.lacking(name))), None)
         strategy, count = strategy_of(prop, self.semantics, limit=DEFAULT_LIMIT, repeat_by=by), 0
         fresh = Engine(tree, self.semantics, strategy=strategy, repeat_by=by)
-        try:
-            for place, log in enumerate(self.logs):
-                monitor = Repetition(fresh) if again else fresh.fork()
-                for _, event in log:
-                    if monitor.step(event) is Verdict.TRUE:
-                        count += 1
-                        if (explanation := monitor.explanation) is not None and explanation.matched:
-                            yield place, self._numbered(explanation, log)
-                    if count == _DETECTIONS:
-                        return
-                    if monitor.verdict.final and not again:
-                        break
-        except TooLarge:
-            self.skipped.append(node)
+        for place, log in enumerate(self.logs):
+            monitor = Repetition(fresh) if again else fresh.fork()
+            for _, event in log:
+                if monitor.step(event) is Verdict.TRUE:
+                    count += 1
+                    if (explanation := monitor.explanation) is not None and explanation.matched:
+                        yield place, self._numbered(explanation, log)
+                if count == _DETECTIONS:
+                    return
+                if monitor.verdict.final and not again:
+                    break
 
     def _numbered(self, explanation: Explanation, log: Sequence[tuple[int, Json]]) -> Explanation:
         """Return an explanation with the numbers of events in the log."""
@@ -282,10 +340,12 @@ class NearMissSearch:
                 return self._without(one.missing, explanation)
             case Lack.WINDOW:
                 assert node.within is not None, "its window was left out"
-                below = self._below(one.tree, node.name)
-                times = [
-                    time for name in below for at in events.get(name, ()) if (time := self._time(at, log)) is not None
-                ]
+                numbers = [at for name in self._below(one.tree, node.name) for at in events.get(name, ())]
+                known = {at: self._time(at, log) for at in sorted(numbers)}
+                untimed = [at for at, time in known.items() if time is None]
+                if untimed:
+                    return f"event {untimed[0]} of {node.name} has no time that can be read", _UNMEASURED
+                times = [time for time in known.values() if time is not None]
                 longer = max(max(times, default=0) - min(times, default=0) - node.within, 0)
                 text = f"{node.name} took {_rough(longer)} longer than {duration_text(node.within)}"
                 return text, longer / (longer + node.within) if longer else 0.0
@@ -295,7 +355,7 @@ class NearMissSearch:
                 return self._unordered(one, events), _UNMEASURED
             case Lack.VALUE:
                 here, there = explanation.variables.get(one.other), explanation.variables.get(one.value)
-                return f"{one.value} of {one.node} is {_json(here)}, not {_json(there)}", 1.0
+                return f"{one.value} of {one.node} is {readable_json(here)}, not {readable_json(there)}", 1.0
             case Lack.ABSENCE:
                 clauses = " ".join(without_text(clause) for clause in node.without)
                 return f"{node.name} is not `{clauses}`: such an event came", _UNMEASURED
@@ -304,16 +364,22 @@ class NearMissSearch:
 
     def _without(self, missing: Sequence[str], explanation: Explanation) -> tuple[str, float]:
         """Return that a match is without some nodes, and the share of their events."""
-        events = sum(self.tree.nodes[leaf].times for name in missing for leaf in self._lowest(name))
+        parts = {below for name in missing for below in reachable(name, lambda one: self._needed[one])}
+        nodes = [self.tree.nodes[name] for name in parts]
+        events = sum(node.times for node in nodes if node.has_event or not node.children)
         return f"all but {listing(missing)}", events / (len(explanation.matched) + events)
 
-    def _lowest(self, name: str) -> list[str]:
-        """Return the fewest leaves of a node: of an OR gate, those of its first child."""
-        node = self.tree.nodes[name]
-        if not node.children:
-            return [name]
-        needed = node.children[: 1 if node.gate is Gate.OR else node.threshold or len(node.children)]
-        return [leaf for child in needed for leaf in self._lowest(child)]
+    @cached_property
+    def _needed(self) -> dict[str, tuple[str, ...]]:
+        """For each node, as many children as its gate needs: those with the fewest events below them."""
+        needed: dict[str, tuple[str, ...]] = {}
+        events: dict[str, int] = {}  # at most `WORK`: a shared node counts for each path to it
+        for node in self.tree.bottom_up():
+            number = 1 if node.gate is Gate.OR else node.threshold or len(node.children)
+            needed[node.name] = tuple(sorted(node.children, key=events.__getitem__)[:number])
+            own = node.times if node.has_event or not node.children else 0
+            events[node.name] = min(own + sum(events[child] for child in needed[node.name]), WORK)
+        return needed
 
     def _below(self, tree: RVAFT, name: str) -> set[str]:
         return set(reachable(name, lambda one: tree.nodes[one].children))
@@ -373,7 +439,9 @@ class NearMissSearch:
             for point in time_points(node.when):
                 below = {point.node} if point.point == "at" else self._below(self.tree, point.node)
                 times = [
-                    time for one in explanation.matched if one.node in below and (time := self._time(one.event, log))
+                    time
+                    for one in explanation.matched
+                    if one.node in below and (time := self._time(one.event, log)) is not None
                 ]
                 if times:
                     found[point.name] = max(times) if point.point == "end" else min(times)
@@ -401,8 +469,4 @@ def _rough(nanoseconds: int) -> str:
 
 
 def _time(written: Json) -> str:
-    return written if isinstance(written, str) else _json(written)
-
-
-def _json(value: Json) -> str:
-    return json.dumps(value, ensure_ascii=False)
+    return written if isinstance(written, str) else readable_json(written)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, Final
 
-from rvaft.model.guards import renamed, time_points
+from rvaft.model.guards import Guard, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import Gate, Node
 from rvaft.model.patterns import Variable
@@ -75,11 +75,28 @@ def without_events(tree: RVAFT, names: Collection[str]) -> RVAFT | None:
 
     Guards and absences that name something of them are left out with them.
     """
-    nodes, gone = dict(tree.nodes), set[str]()
-    for name in sorted(names, key=lambda name: -tree.rank[name]):
-        if not _leave_out(tree, nodes, gone, name):
+    nodes = _without(tree, names)
+    return None if nodes is None else _rebuilt(tree, nodes)
+
+
+def can_leave_out(tree: RVAFT, names: Collection[str]) -> bool:
+    """Whether there is a tree `without_events` of these nodes."""
+    return _without(tree, names) is not None
+
+
+def _without(tree: RVAFT, names: Collection[str]) -> dict[str, Node] | None:
+    """Return the nodes without these, and without leaves of a guard that names something of them."""
+    nodes, gone, todo = dict(tree.nodes), set[str](), list(names)
+    while todo:
+        for name in sorted(todo, key=lambda name: -tree.rank[name]):
+            if name not in gone and not _leave_out(tree, nodes, gone, name):
+                return None
+        if tree.root in gone:
             return None
-    return None if tree.root in gone else _rebuilt(tree, nodes)
+        reached, lost = _reached(tree, nodes)
+        conditions = (node for node in reached.values() if not node.children and node.on is None and node.when)
+        todo = [node.name for node in conditions if not _is_known(node.when, reached, lost)]
+    return nodes
 
 
 def _leave_out(tree: RVAFT, nodes: dict[str, Node], gone: set[str], name: str) -> bool:
@@ -121,16 +138,25 @@ def _other_values(tree: RVAFT, node: Node) -> Iterator[Relaxation]:
 
 def _rebuilt(tree: RVAFT, nodes: Mapping[str, Node]) -> RVAFT:
     """Return a tree with these nodes as far as the root reaches them, without what names other parts."""
-    reached = {name: nodes[name] for name in reachable(tree.root, lambda name: nodes[name].children)}
-    bound = {one for node in reached.values() if node.on for one in node.on.variables}
-    lost = frozenset(tree.variables) - bound
+    reached, lost = _reached(tree, nodes)
     kept = [_closed(node, reached, lost) for name, node in nodes.items() if name in reached]
     return tree.changed(nodes=kept, shows=(), repeat_by=None, part_of=None)
 
 
+def _reached(tree: RVAFT, nodes: Mapping[str, Node]) -> tuple[dict[str, Node], frozenset[str]]:
+    """Return the nodes that the root reaches, and the variables of the tree that they do not bind."""
+    reached = {name: nodes[name] for name in reachable(tree.root, lambda name: nodes[name].children)}
+    bound = {one for node in reached.values() if node.on for one in node.on.variables}
+    return reached, frozenset(tree.variables) - bound
+
+
+def _is_known(guard: Guard | None, nodes: Collection[str], lost: frozenset[str]) -> bool:
+    """Whether a guard names only nodes and variables that the tree still has."""
+    return lost.isdisjoint(guard_variables(guard)) and all(point.node in nodes for point in time_points(guard))
+
+
 def _closed(node: Node, nodes: Collection[str], lost: frozenset[str]) -> Node:
     """Return a node without the guard and the absences that name a node or a variable that the tree has lost."""
-    points = time_points(node.when)
-    whole = lost.isdisjoint(guard_variables(node.when)) and all(point.node in nodes for point in points)
+    whole = _is_known(node.when, nodes, lost)
     without = tuple(clause for clause in node.without if lost.isdisjoint(clause.variables))
     return replace(node, when=node.when if whole else None, without=without)

@@ -1,7 +1,7 @@
 """The engine as a monitor."""
 
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from datetime import datetime
+from datetime import date, datetime, timedelta
 from math import inf
 from typing import Any, Final, Self
 
@@ -11,7 +11,7 @@ from rvaft.engine.explanation import together
 from rvaft.engine.selection import strategy_of
 from rvaft.engine.strategy import BatchEvent, Noted, Strategy
 from rvaft.errors import OptionError, WrongType
-from rvaft.model.event_time import JUMPS, Jump
+from rvaft.model.event_time import JUMPS, Jump, TimeFormat
 from rvaft.model.tree import RVAFT, resolve_repetition
 from rvaft.model.values import SCALARS, Json, as_json
 from rvaft.model.verdict import Semantics, Verdict
@@ -174,12 +174,15 @@ class Engine(Monitor):
         return verdict
 
     def _as_json(self, event: Mapping[str, Json]) -> Mapping[str, Json]:
-        """Return an event with JSON values; raises `WrongType` for an instant that the tree reads as a number."""
+        """Return an event with JSON values; raises `WrongType` for an instant or a length of time in another format."""
         made = as_json(event)
         if made is not event and self.tree.time is not None and self._read_time is not None:
             given = self.tree.time.written(event)
-            if isinstance(given, datetime) and self._read_time(made) is None:
-                form, field = self.tree.time.format, ".".join(self.tree.time.field)
+            kind, form = type(given).__name__, self.tree.time.format
+            instant = isinstance(given, date) or kind == "datetime64"
+            length = isinstance(given, timedelta) or kind == "timedelta64"  # converted to nanoseconds
+            if (instant and self._read_time(made) is None) or (length and form is not TimeFormat.NANOSECONDS):
+                field = ".".join(self.tree.time.field)
                 raise WrongType(f"the time {field} of an event", given, f"a value that the tree reads `as {form}`")
         return made
 

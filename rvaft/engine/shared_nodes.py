@@ -159,11 +159,13 @@ class SharedNodes:
             within[node] = below | own
         return before
 
-    def _outlook(self, configuration: Configuration, kept: Resolution, touched: int, ahead: int) -> Hashable:
+    def _outlook(
+        self, configuration: Configuration, kept: Resolution, elements: tuple[int, int], touched: int, ahead: int
+    ) -> Hashable:
         """Return the relevant state of a resolution for the nodes `ahead`, or None if no scenario
         fits.
         """
-        present, finished = self._elements(configuration, kept)
+        present, finished = elements
         left = present & ~finished
         if not self._ordered:
             return left > 0
@@ -194,7 +196,14 @@ class SharedNodes:
         return tuple(relations)
 
     def _spans(
-        self, configuration: Configuration, kept: Resolution, ahead: int, *, complete: bool, resolved: bool, fresh: int
+        self,
+        configuration: Configuration,
+        kept: Resolution,
+        elements: tuple[int, int],
+        ahead: int,
+        *,
+        complete: bool,
+        fresh: int,
     ) -> Hashable | None:
         """Return the relevant state of the windows of a resolution, or None if one fails.
 
@@ -204,7 +213,7 @@ class SharedNodes:
         compiled, found = self.compiled, list[Hashable]()
         if not compiled.over_core:
             return ()
-        present, finished = self._elements(configuration, kept)
+        (present, finished), resolved = elements, not ahead
         below = self._below(kept)
         for window in compiled.over_core:
             if window not in kept:
@@ -308,15 +317,15 @@ class SharedNodes:
             self.effort.spend(len(core) if fits else 1, "resolutions of the choices that share nodes")
             if not fits:
                 continue
-            outlook = self._outlook(configuration, kept, touched, ahead)
+            elements = self._elements(configuration, kept)
+            outlook = self._outlook(configuration, kept, elements, touched, ahead)
             if outlook is None:
                 continue
-            resolved = not ahead
-            spans = self._spans(configuration, kept, ahead, complete=complete, resolved=resolved, fresh=fresh)
+            spans = self._spans(configuration, kept, elements, ahead, complete=complete, fresh=fresh)
             if spans is None or (ahead, outlook, spans) in seen:
                 continue
             seen.add((ahead, outlook, spans))
-            if resolved:
+            if not ahead:
                 yield kept
             else:
                 rest &= -2 << node

@@ -341,7 +341,7 @@ def wrapped_code(text: str, width: int) -> list[str]:
     """Return the lines of an event or guard of at most `width` columns, without changing strings.
 
     Lines break at the outermost level first: at `;`, `and` and `or`, then commas, `when`, and
-    comparisons. A comparison may be 1.5 times as wide.
+    comparisons. A comparison or a single word or string may be 1.5 times as wide.
 
     >>> wrapped_code("when A >= 1 and (B < 2 or C > 3)", 24)
     ['when A >= 1', 'and (B < 2 or C > 3)']
@@ -429,7 +429,7 @@ def _lay(tokens: Sequence[_CodeToken], lines: _LineFiller) -> None:
     blank = tokens[0].blank
     text = "".join(token.blank + token.text for token in tokens).removeprefix(blank)
     first = min((token.rank for token in tokens[1:]), default=(0, 0))
-    room = lines.width + (lines.width // 2 if first[1] >= _INSIDE else 0)
+    room = lines.width + (lines.width // 2 if first[1] >= _INSIDE or len(tokens) == 1 else 0)
     if len(tokens) == 1 or text_columns(text) <= room:
         lines.add(blank, text, room=room)
         return

@@ -278,13 +278,16 @@ def place(tree: RVAFT, look: Look, *, size: float = SIZE, spare: float = 0.0, ba
         draft.spare = spare
     width, tops, bottoms = _spread(part, look, drafts, size)
     boxes = {name: _boxed(draft, size) for name, draft in drafts.items()}
-    edges = tuple(_edges(part, boxes, tops, bottoms, size))
+    marks = look.marks  # marked edges are drawn last, over the others of their gates
+    edges = sorted(
+        _edges(part, boxes, tops, bottoms, size), key=lambda one: bool(marks and marks.edge(one.parent, one.child))
+    )
     below, samples, bottom = _foot(part, look, max(bottoms), size)
     ends = [text.x + text_width(text.text) * size for text in (*below, *(one.meaning for one in samples))]
     return Placing(
         part,
         boxes,
-        edges,
+        tuple(edges),
         below,
         samples,
         round(max([width, *(end + _MARGIN * size for end in ends)]), 1),

@@ -21,6 +21,7 @@ from rvaft.model.event_time import TimeFormat
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import decode, settled
 from rvaft.readers.log import BAG_METADATA, InputOptions, Log, LogReader, suffix
+from rvaft.readers.protocol_buffers import decoder
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection, Typestore
@@ -144,17 +145,13 @@ def _mcap_decoder(encoding: str, schema: Any, log: Log, number: int, topic: str)
     """Return the function from bytes to fields of a channel, or None and a reason in the log."""
     if encoding == "json":
         return decode
-    reason = f"messages in {encoding or 'no encoding'} are not read beside those in JSON"
+    reason = f"messages in {encoding or 'no encoding'} are not read beside those in JSON and Protocol Buffers"
     if encoding == "protobuf":
         try:
-            from google.protobuf.json_format import MessageToDict  # noqa: PLC0415 -- imported on use
-            from mcap_protobuf.decoder import DecoderFactory  # noqa: PLC0415
-        except ImportError:
-            reason = "messages of Protocol Buffers need pip install mcap-protobuf-support"
-        else:
-            read = DecoderFactory().decoder_for(encoding, schema)
-            if read is not None:
-                return lambda data: MessageToDict(read(data), preserving_proto_field_name=True)
+            return decoder(schema.data, schema.name)
+        except Exception as error:  # noqa: BLE001 (malformed descriptors raise anything)
+            shown = " ".join(str(error).split()) or type(error).__name__
+            reason = shown if isinstance(error, ToolMissing) else f"its schema cannot be used: {shown}"
     log.reject(number, f"{topic} is left out: {reason}")
     return None
 

@@ -33,7 +33,7 @@ class MonitorStates:
     >>> tree = rvaft.loads("t sand x y; x lambda=.5 once=no; y lambda=.2 once=no;")
     >>> watching = MonitorStates(tree, of_tree(tree), 1.0, rvaft.monitor(tree, semantics="projected"))
     >>> round(watching.risk, 6), round(watching.step({"event": "x"}), 6)
-    (0.034092, 0.143843)
+    (0.031797, 0.143833)
     """
 
     def __init__(

@@ -498,7 +498,9 @@ class TraceRun:
             if fits is not False and (monitors.live or self.clock is not None):
                 stepped = stepped or fits is None
                 concerned.append(group)
-        if concerned and self.audience.of_concern and monitors.live:
+        # an event that can extend no partial match may be relevant all the same: `_take` reports it
+        relevant = not monitors.skips_irrelevant and any(kind.relevant for kind, _ in found)
+        if (concerned or relevant) and self.audience.of_concern and monitors.live:
             return None
         self._pause = self._tries = 0
         batch = list[BatchEvent]()

@@ -251,6 +251,8 @@ def test_a_text_of_a_person(
     name, content = text
     if name.endswith(".eql"):
         pytest.importorskip("eql", reason="the extra eql is not installed")
+    if name.endswith(".yml"):
+        pytest.importorskip("sigma.backends.sqlite", reason="the extra sigma is not installed")
     rule, options = written(tmp_path / name, content), ("--traces", 100, "--jobs", 1)
     result = run("cross-check", written(tmp_path / "t.rvaft", tree), "--against", rule, *options)
     assert result.exit_code == status, result.output

@@ -133,6 +133,18 @@ def test_events_that_concern_nothing_have_no_place_whether_they_are_read_quickly
     assert known[0] == known[1]
 
 
+@pytest.mark.parametrize("semantics", ["scattered", "strict", "projected", "consecutive"])
+def test_relevant_events_that_extend_no_match_have_a_place(tmp_path: Path, semantics: str) -> None:
+    """Also where a whole batch of them is read at once."""
+    log = written(tmp_path / "log.jsonl", lines([{"event": "a"}] * 12_345))
+    places = [
+        reported(tmp_path, SAND, log, "--semantics", semantics, *more, status=0)["places"]["number"]
+        for more in ((), ("--order-by", "none"))
+    ]
+    assert places[0] == places[1]
+    assert len(places[0]) == {"scattered": 12_345, "consecutive": 12_345}.get(semantics, 2)
+
+
 @pytest.mark.parametrize(
     ("options", "watches"),
     [
@@ -536,6 +548,13 @@ def test_badges_are_inside_their_boxes(show: Any, tmp_path: Path) -> None:
     )
     assert shown.ask(inside)
     assert "2×, event 4" in shown.text("svg")
+    many = lines([{"event": "a"}] * 12_345)
+    shown = show(
+        written(tmp_path / "t.rvaft", "semantics scattered; top sand a b;"), written(tmp_path / "l.jsonl", many)
+    )
+    shown.press("END")
+    assert "12345×, event 12345" in shown.text("svg")
+    assert shown.ask(inside)
 
 
 def test_keys_filter_all_there_is(show: Any, tmp_path: Path) -> None:

@@ -169,3 +169,9 @@ def test_a_difference_outside_of_the_assumptions_is_a_remark_in_every_report() -
     assert "remark: it differs on a trace that breaks what the tree assumes" in markdown_text([found])
     assert ComparisonTotals([found]).headline.endswith("; no disagreement")
     assert exit_status([found]) == 0
+
+
+def test_a_field_that_no_event_has_is_a_remark_in_every_report() -> None:
+    found = Result(Job("t", Semantics.STRICT), "eql", Status.TESTED, traces=1, verdicts=1, unknown_fields=("a.b", "c"))
+    assert json.loads(json_text([found]))["results"][0]["unknown_fields"] == ["a.b", "c"]
+    assert "remark: the fields a.b and c are in no event of the tree" in markdown_text([found])

@@ -10,7 +10,7 @@ import pytest
 
 import rvaft
 from rvaft import Semantics, Verdict
-from rvaft.diagnosis.near_misses import near_misses
+from rvaft.diagnosis.near_misses import NearMissSearch, near_misses
 from rvaft.diagnosis.relaxation import Lack
 from rvaft.semantics import Reference
 from tests.cli.runs import lines, run, written
@@ -46,6 +46,24 @@ def test_each_is_a_detection_but_for_its_condition() -> None:
     assert lacks >= {Lack.EVENT, Lack.ORDER, Lack.COUNT}
 
 
+def test_groups_of_nodes_exclude_no_pair_that_is_found_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    compared = 0
+    for shape in SHAPES:
+        random = Random(f"groups {shape}")
+        for tree in islice(small_valid_trees(lambda: tree_of(random, shape)), 3):  # noqa: B023 (used at once)
+            events = trace_of(random, tree, shape, "scattered")[::3]
+            if Verdict.TRUE in rvaft.monitor(tree, semantics="scattered").run(events):
+                continue
+            with monkeypatch.context() as patched:
+                found = near_misses(tree, events, semantics="scattered")
+                patched.setattr(NearMissSearch, "_is_monotone", False)
+                one_by_one = near_misses(tree, events, semantics="scattered")
+            if not found.skipped and not one_by_one.skipped:
+                assert found.found == one_by_one.found
+                compared += 1
+    assert compared > 15
+
+
 def test_the_closest_of_many_addresses_is_seen_at_once(tmp_path: Path) -> None:
     tree = written(tmp_path / "guessing.rvaft", GUESSING)
     log = written(tmp_path / "auth.jsonl", lines([*FAILED, *BURST]))
@@ -65,6 +83,15 @@ def test_of_a_detection_or_other_output_there_are_none(tmp_path: Path, more: str
     tree = written(tmp_path / "guessing.rvaft", GUESSING)
     log = written(tmp_path / "auth.jsonl", lines(BURST if more else [*BURST, *BURST]))
     assert "near miss" not in run("monitor", tree, log, "--explain", *more.split()).output
+
+
+def test_paths_through_shared_gates_are_not_enumerated() -> None:
+    """Sixteen gates in a row, each with two ways to the next: 65,536 paths, and 496 pairs of nodes to leave out."""
+    gates = [f"g{n} and a{n} b{n}; a{n} or g{n + 1} x; b{n} or g{n + 1} y;" for n in range(16)]
+    tree = rvaft.loads("time t as s; semantics scattered; top and g0 z within 5 s; " + " ".join(gates))
+    found = near_misses(tree, [{"event": "g16", "t": 1}, {"event": "z", "t": 20}])
+    assert [miss.text for miss in found.found] == ["all but z", "all but g0", "top took 14 s longer than 5 s"]
+    assert not found.skipped
 
 
 @pytest.mark.ci

@@ -15,7 +15,7 @@ from rvaft.engine import Engine
 from rvaft.export import Format
 from rvaft.export.dot import picture
 from rvaft.export.drawing import draw, fired_dot, fired_picture, fired_text
-from rvaft.export.layout import LONGEST, Look
+from rvaft.export.layout import LONGEST, Look, branch_marks
 from rvaft.export.text import MARK, MAX_LEVELS
 from rvaft.monitors import MatchedEvent
 from rvaft.readers.json_lines import read
@@ -109,6 +109,12 @@ def check_graph(tree: RVAFT, explanation: Explanation) -> None:
     nodes = re.findall(r"^  n(\d+) \[label.*(penwidth|fontcolor)", dot, re.MULTILINE)
     looks = {tree.order[int(node)]: look == "penwidth" for node, look in nodes}
     assert looks == {name: name in explanation.scenario for name in tree.order}
+
+
+def test_marked_edges_are_drawn_over_the_others_of_their_gates() -> None:
+    tree = loads("top or x y z; x and a; y and b; z and c;")
+    picture = draw(tree, Format.SVG, Look(marks=branch_marks(tree, 1))).decode()
+    assert re.findall(r'class="line (\w+)" data-line', picture) == ["faint"] * 4 + ["kept"] * 2
 
 
 def test_a_counted_leaf_has_all_its_events_and_times_stand_where_the_tree_says() -> None:

@@ -5,7 +5,8 @@ from random import Random
 
 import pytest
 
-from tests.cli.runs import SAND, failed, jsonl, lines, run, written
+from tests.cli.pages import data_of, fetched
+from tests.cli.runs import SAND, failed, jsonl, lines, run, started, written
 
 TREE = "time t as s; semantics scattered; top sand a b c within 10 s;"
 
@@ -29,6 +30,18 @@ def test_files_of_several_formats_are_one_log(tree: Path, tmp_path: Path) -> Non
     assert run("monitor", tree, one, other).exit_code == 0
     wrong = written(tmp_path / "wrong.csv", "t,event\n5,b\n6\n")
     assert f"{wrong}:3: 1 field, but the header has 2" in run("monitor", tree, one, wrong, "--merge").stderr
+
+
+def test_a_page_shows_files_as_one_log(tree: Path, tmp_path: Path) -> None:
+    one = written(tmp_path / "one.jsonl", lines([{"event": "a", "t": 1}, {"event": "c", "t": 9}]))
+    other = written(tmp_path / "other.jsonl", lines([{"event": "b", "t": 5}]))
+    apart, merged = run("report", tree, one, other), run("report", tree, one, other, "--merge")
+    assert (apart.exit_code, merged.exit_code) == (0, 1)
+    assert data_of(merged.output)["traces"] == [f"{one} and {other}"]
+    with started("view", tree, one, other, "--merge") as running:
+        served = fetched(running.stdout.readline().split()[-1])
+    assert served["at"] == data_of(merged.output)["at"] == [2]
+    failed(run("view", tree, one, other, "--merge", "--follow"), "merged is not one")
 
 
 def test_a_log_that_was_dealt_out_is_monitored_as_before(tree: Path, tmp_path: Path) -> None:

@@ -171,6 +171,74 @@ def test_messages_in_json_of_mcap_are_events(tmp_path: Path) -> None:
     assert ": true" in found.output
 
 
+def protobuf_recording(file: Path, schema: str = "drone.Battery") -> Path:
+    """A recording of `/battery`: one message with all kinds of fields, one with none, and bytes that are none."""
+    writing = pytest.importorskip("mcap.writer", reason="needs the extra bags")
+    described = pytest.importorskip("google.protobuf.descriptor_pb2", reason="needs the extra bags")
+    factory = pytest.importorskip("google.protobuf.message_factory")
+    pool = pytest.importorskip("google.protobuf.descriptor_pool").DescriptorPool()
+    stamps = pytest.importorskip("google.protobuf.timestamp_pb2")
+    kinds = described.FieldDescriptorProto
+    one, many = kinds.LABEL_OPTIONAL, kinds.LABEL_REPEATED
+    battery = described.FileDescriptorProto(name="battery.proto", package="drone", syntax="proto3")
+    battery.dependency.append("google/protobuf/timestamp.proto")
+    state = battery.enum_type.add(name="State")
+    for number, name in enumerate(("OK", "LOW")):
+        state.value.add(name=name, number=number)
+    message = battery.message_type.add(name="Battery")
+    inner = message.nested_type.add(name="CellsEntry")
+    inner.options.map_entry = True
+    inner.field.add(name="key", number=1, type=kinds.TYPE_INT32, label=one)
+    inner.field.add(name="value", number=2, type=kinds.TYPE_DOUBLE, label=one)
+    for number, (name, kind, label, type_name) in enumerate(
+        [
+            ("level", kinds.TYPE_INT64, one, None),
+            ("time", kinds.TYPE_STRING, one, None),
+            ("state", kinds.TYPE_ENUM, one, ".drone.State"),
+            ("stamp", kinds.TYPE_MESSAGE, one, ".google.protobuf.Timestamp"),
+            ("raw", kinds.TYPE_BYTES, one, None),
+            ("volts", kinds.TYPE_DOUBLE, many, None),
+            ("cells", kinds.TYPE_MESSAGE, many, ".drone.Battery.CellsEntry"),
+        ],
+        1,
+    ):
+        message.field.add(name=name, number=number, type=kind, label=label, type_name=type_name)
+    time = described.FileDescriptorProto.FromString(stamps.DESCRIPTOR.serialized_pb)
+    for own in (time, battery):
+        pool.AddSerializedFile(own.SerializeToString())
+    battery_class = factory.GetMessageClass(pool.FindMessageTypeByName("drone.Battery"))
+    full = battery_class(level=2**53 + 1, time="x", state=1, raw=b"\x01\xff", volts=[3.5, 4.0], cells={2: 1.5})
+    full.stamp.FromNanoseconds(1_500_000_007)
+    files = described.FileDescriptorSet(file=[battery, time]).SerializeToString()  # importing before imported
+    with file.open("wb") as stream:
+        writer = writing.Writer(stream)
+        writer.start()
+        number = writer.register_schema(name=schema, encoding="protobuf", data=files)
+        channel = writer.register_channel(topic="/battery", message_encoding="protobuf", schema_id=number)
+        for second, data in enumerate((full.SerializeToString(), b"", b"\xff"), 1):
+            writer.add_message(channel_id=channel, data=data, log_time=second * 10**9, publish_time=0)
+        writer.finish()
+    return file
+
+
+def test_messages_of_protocol_buffers_are_events(tmp_path: Path) -> None:
+    log = protobuf_recording(tmp_path / "drive.mcap")
+    events: list[dict[str, Any]] = []
+    with pytest.raises(TraceError, match="no message on /battery"):
+        events.extend(rvaft.read_log(log))
+    first = {"topic": "/battery", "time": 10**9, "level": 2**53 + 1, "message_time": "x", "state": "LOW"}
+    more = {"stamp": {"sec": 1, "nanosec": 500_000_007}, "raw": [1, 255], "volts": [3.5, 4.0], "cells": {"2": 1.5}}
+    unset = {"level": 0, "message_time": "", "state": "OK", "raw": [], "volts": [], "cells": {}}
+    assert events == [first | more, {"topic": "/battery", "time": 2 * 10**9, **unset}]
+    text = 'time time as ns; event battery(v) = { topic: "/battery", level: v }; low on battery(V) when V < 10;'
+    tree = written(tmp_path / "low.rvaft", text)
+    found = run("monitor", tree, log, "--semantics", "scattered")
+    assert "event 2: true" in found.output
+    other = protobuf_recording(tmp_path / "other.mcap", "drone.None")
+    with pytest.raises(TraceError, match="/battery is left out: its schema cannot be used"):
+        list(rvaft.read_log(other))
+
+
 @pytest.mark.parametrize("name", ["flight.ulg", "flight.tlog", "flight.bin", "drive.asc", "drive.blf"])
 @pytest.mark.parametrize("data", [b"", b"nothing of the kind", bytes(range(256)) * 20])
 def test_what_is_no_recording_is_an_error(tmp_path: Path, name: str, data: bytes) -> None:

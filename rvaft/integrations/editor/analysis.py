@@ -147,9 +147,8 @@ def _about_node(document: Document, name: str, sample: Sample) -> list[str]:
         node = tree.nodes[name]
         if node.on is None:
             parts.append("The node observes its default event.")
-        count = sample.count(pattern)
-        guard = " (before the guard)" if count and node.when is not None else ""
-        parts += [f"{visible(count)}{guard}."] if count else []
+        count = sample.count(pattern, node.when)
+        parts += [f"{visible(count)}."] if count else []
     return parts
 
 

@@ -10,7 +10,9 @@ from typing import Final
 
 from rvaft.errors import RvaftError
 from rvaft.model.expressions import literal_text, word_text
-from rvaft.model.patterns import Pattern, match
+from rvaft.model.guards import Guard, holds, time_points
+from rvaft.model.guards import variables as guard_variables
+from rvaft.model.patterns import Pattern, match, variables, ways
 from rvaft.model.values import Json, JsonObject, at
 from rvaft.readers.log import scheme
 from rvaft.readers.registry import read_log
@@ -36,13 +38,25 @@ class Sample:
     name: str = ""
     events: tuple[JsonObject, ...] = ()
 
-    def count(self, pattern: Pattern) -> str:
-        """Return how many events match a pattern, as a sentence; nothing without events."""
+    def count(self, pattern: Pattern, when: Guard | None = None) -> str:
+        """Return how many events match a pattern, and satisfy a guard, as a sentence; nothing without events.
+
+        >>> from rvaft.language.parser import parse_guard, parse_pattern
+        >>> sample = Sample("log.jsonl", ({"n": 1}, {"n": 9}, {}))
+        >>> sample.count(parse_pattern("{ n: N }"), parse_guard("N > 5"))
+        '2 of the first 3 events of log.jsonl match, 1 of them satisfies the guard'
+        """
         if not self.events:
             return ""
-        found = sum(match(pattern, event, {}) is not None for event in self.events)
+        matching = [event for event in self.events if match(pattern, event, {}) is not None]
         read = counted(len(self.events), "event")
-        return f"{found} of the first {read} of {self.name} match"
+        text = f"{len(matching)} of the first {read} of {self.name} {'match' if len(matching) != 1 else 'matches'}"
+        if when is None or not matching:
+            return text
+        if time_points(when) or not {*guard_variables(when)} <= {*variables(pattern)}:
+            return f"{text}; the guard depends on other events, too"
+        passing = sum(any(holds(when, bound) for bound in ways(pattern, event, {})) for event in matching)
+        return f"{text}, {passing} of them {'satisfies' if passing == 1 else 'satisfy'} the guard"
 
     def fields(self, path: Sequence[str]) -> list[str]:
         """Return the names of fields at a path as the language writes them, the most frequent first."""

@@ -4,6 +4,7 @@ The functions of `analysis` and `completion` do the work; here they are put into
 """
 
 import asyncio
+import os
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache, partial
@@ -53,7 +54,9 @@ def lsp_command() -> int:
         "strict_galileo": bool(context.meta.get("strict_galileo")),
         "year": context.meta.get("year"),
     }
-    server(reading, confined=options.is_confined()).start_io()
+    made = server(reading, confined=options.is_confined())
+    with open(os.dup(0), "rb") as source, open(os.dup(1), "wb") as sink:  # noqa: PTH123 - pygls closes them
+        made.start_io(source, sink)
     return 0
 
 

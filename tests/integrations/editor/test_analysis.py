@@ -172,9 +172,31 @@ def test_a_node_shows_its_statements_and_its_event() -> None:
     assert found == (
         '```rvaft\nfirst on login("eve", Host) when Host != "b";\n'
         'event login(who, host) = { event: "login", user: who, at: { host: host } };\n```\n\n'
-        "1 of the first 3 events of log.jsonl match (before the guard)."
+        "1 of the first 3 events of log.jsonl matches, 1 of them satisfies the guard."
     )
     assert "default event" in shown(TREE.replace("last fault", "la|st fault"))
+
+
+@pytest.mark.parametrize(
+    ("guard", "end"),
+    [
+        ("", "3 of the first 4 events of log.jsonl match."),
+        ("when N > 1", "3 of the first 4 events of log.jsonl match, 2 of them satisfy the guard."),
+        ("when N > 2", "3 of the first 4 events of log.jsonl match, 1 of them satisfies the guard."),
+        (
+            "when N > 1 and M != N",
+            "3 of the first 4 events of log.jsonl match; the guard depends on other events, too.",
+        ),
+        (
+            "when at(b) - at(a) > 1 s",
+            "3 of the first 4 events of log.jsonl match; the guard depends on other events, too.",
+        ),
+    ],
+)
+def test_the_count_of_a_node_respects_its_guard(guard: str, end: str) -> None:
+    sample = Sample("log.jsonl", ({"n": 1}, {"n": 2}, {"n": 3}, {"m": 3}))
+    text = f"time t as s; event e(x) = {{ n: x }}; top sand b a; b on e(M); |a on e(N) {guard};"
+    assert shown(text, sample).endswith(end)
 
 
 def test_an_event_type_shows_its_pattern_and_its_count() -> None:

@@ -14,7 +14,6 @@ from rvaft.integrations.editor import server
 from rvaft.integrations.editor.document import Document
 from tests.cli.runs import written
 
-COMMAND = "from rvaft.integrations.editor.server import lsp_command; lsp_command()"
 EDITOR: Final[dict[str, Any]] = {"processId": None, "rootUri": None, "capabilities": {}}
 
 
@@ -22,8 +21,9 @@ class Client:
     """An editor."""
 
     def __init__(self, *arguments: str) -> None:
-        words = [sys.executable, "-c", COMMAND, *arguments]
-        self.running = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        words = [sys.executable, "-m", "rvaft", "lsp", *arguments]
+        pipe = subprocess.PIPE
+        self.running = subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=pipe)
         self.number = 0
         self.notified: list[dict[str, Any]] = []
 
@@ -60,6 +60,14 @@ class Client:
         assert found["method"] == "textDocument/publishDiagnostics", found
         params: dict[str, Any] = found["params"]
         return params
+
+    def leave(self) -> None:
+        """End the server, which says nothing."""
+        assert self.ask("shutdown", None) is None
+        self.send("exit", None)
+        assert self.running.wait(10) == 0
+        assert self.running.stderr is not None
+        assert self.running.stderr.read() == b""
 
 
 @pytest.fixture
@@ -133,9 +141,7 @@ def test_an_editor_is_served(client: Client, tmp_path: Path) -> None:
     assert "match" not in client.ask("textDocument/hover", at(3, 0))["contents"]["value"]
     client.send("textDocument/didClose", document)
     assert client.diagnostics() == {"uri": uri, "diagnostics": []}
-    assert client.ask("shutdown", None) is None
-    client.send("exit", None)
-    assert client.running.wait(10) == 0
+    client.leave()
 
 
 def test_imports_are_confined_by_the_option(client: Client, tmp_path: Path) -> None:

@@ -92,8 +92,8 @@ WORDS: Final[Mapping[Sort, Mapping[str, Word]]] = {
         "spare": Word("a spare b c;", "the spares are cold, or not"),
         "fdep": _TRIGGER,
         "pdep": _TRIGGER._replace(usage="f pdep=1 t d e;"),
-        "por": Word("a por b c;", "b fails before c does; for analyses of risk"),
-        "mutex": Word("a mutex b c;", "only one of b and c can fail; for analyses of risk"),
+        "por": Word("a por b c;", "b fails before c does"),
+        "mutex": Word("a mutex b c;", "only one of b and c can fail"),
     },
     Sort.CLAUSE: {
         "on": Word("on radiation(Value, _)", "the runtime event of the node"),

@@ -202,7 +202,8 @@ def _importance(name: str, p: float | None, with_it: float, without: float, whol
 def leaf_probability(leaf: Leaf, time: float) -> float:
     """Return the probability that a leaf has happened by a time, all its events.
 
-    >>>     >>> round(leaf_probability(Leaf("a", "a", Quantities(rate=1.0), once=True, times=2), 1.0), 12)
+    >>> from rvaft.model.quantities import Quantities
+    >>> round(leaf_probability(Leaf("a", "a", Quantities(rate=1.0), once=True, times=2), 1.0), 12)
     0.264241117657
     """
     numbers = leaf.numbers

@@ -11,17 +11,20 @@ from collections.abc import Mapping
 from typing import Final
 
 from rvaft.errors import LanguageError
-from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Located
+from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, GateUse, Located, Reading
 from rvaft.model.nodes import Gate, Place
 from rvaft.model.tree import find_cycle
 
-SUFFIXES: Final = (".dft", ".galileo")
+ATTACK_TREES: Final = ".at"
+"""The extension of ATTop's attack trees, in which `sor` is a gate that attempts its children in turn."""
+SUFFIXES: Final = (".dft", ".galileo", ATTACK_TREES)
 """Extensions of Galileo files, in which `pand` is a dynamic gate, too, and failures persist (`scattered`)."""
 _WHY: Final = {
     "seq": "its parts fail from left to right",
     "csp": "a cold spare cannot fail before it is used",
     "wsp": "a warm spare may fail before it is used",
     "hsp": "a hot spare may fail before it is used",
+    "sor": "any part attains it, and no event shows which ones were attempted before",
 }
 _IDLE: Final = "it has no parent, so other orders are detected, too"
 _SHOWN: Final = 3
@@ -43,6 +46,10 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     if strict:
         node, (use, place) = min(uses, key=lambda found: found[1].place)
         raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused by strict Galileo", place)
+    for node, (use, place) in uses:
+        if use.dynamic == "sor" and not place.file.lower().endswith(ATTACK_TREES):
+            why = "it needs failures at the same time; write `and` with `within 0 s`"
+            raise _error(f"the gate `sor` of `{node.name}` is not supported: {why}", place)
     from rvaft.language.priority_and import read_priority_gates, unordered  # noqa: PLC0415 -- imported on use
 
     _check_spares(uses)
@@ -84,7 +91,7 @@ def _error(message: str, place: Place) -> LanguageError:
     return LanguageError(message, file=place.file, line=place.line, column=place.column)
 
 
-def _static(draft: Draft, node: DraftNode, located: Located[GateUse], note: str) -> DynamicGate:
+def _static(draft: Draft, node: DraftNode, located: Located[GateUse], note: str) -> Reading:
     use, place = located
     kind = use.dynamic
     if kind == "spare":
@@ -94,7 +101,7 @@ def _static(draft: Draft, node: DraftNode, located: Located[GateUse], note: str)
         use = use._replace(gate=DYNAMIC_GATES[kind])
         node.gates = [Located(use, other.place) if other == located else other for other in node.gates]
     how = f"is read as `{use.gate}`: {_WHY[kind]}{note}"
-    return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}", (node.name,))
+    return Reading(place, f"`{use.dynamic}` of {node.name} {how}", (node.name,))
 
 
 def _is(text: str, number: float) -> bool:
@@ -163,7 +170,7 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located
         if use.children:
             trigger, *dependents = (child.value for child in use.children)
             how = f"a failure of {trigger} counts as a failure of {', '.join(dependents)}, too"
-            draft.dynamic_gates.append(DynamicGate(place, f"`{use.dynamic}` of {node.name}: {how}", ()))
+            draft.dynamic_gates.append(Reading(place, f"`{use.dynamic}` of {node.name}: {how}", ()))
     return list(made)
 
 

@@ -21,7 +21,7 @@ from itertools import combinations, pairwise, product
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.errors import LanguageError
-from rvaft.language.draft import Draft, DraftNode, DynamicGate, GateUse, Located
+from rvaft.language.draft import Draft, DraftNode, GateUse, Located, Reading
 from rvaft.model.guards import renamed, time_points, variables
 from rvaft.model.nodes import EventType, Gate, On, Place, Side, Without
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
@@ -76,7 +76,7 @@ def read_priority_gates(draft: Draft, gates: list[tuple[str, Place]]) -> None:
         reading.translate()
     for name, place in gates:
         how = EXACT if name in reading.changed else FIXED
-        draft.dynamic_gates.append(DynamicGate(place, f"`pand` of {name} {how}", (name,)))
+        draft.dynamic_gates.append(Reading(place, f"`pand` of {name} {how}", (name,)))
 
 
 def unordered(draft: Draft, names: Iterable[str], dependents: Iterable[str]) -> list[str]:

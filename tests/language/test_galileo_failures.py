@@ -2,6 +2,8 @@
 its top failure at the event at which it fails, and at no other.
 """
 
+from collections import Counter
+from collections.abc import Iterator
 from itertools import permutations
 from pathlib import Path
 from random import Random
@@ -10,7 +12,7 @@ import pytest
 
 from rvaft import RVAFT, LanguageError, TreeError, Verdict, load, monitor
 from rvaft.language.parser import parse
-from tests.language.failures import NEVER, FaultTree, failures, orders, random_text, read
+from tests.language.failures import NEVER, FaultTree, failures, orders, random_spares, random_text, read
 from tests.language.test_galileo_corpus import FILES, needs_corpus
 from tests.tables import rows
 
@@ -70,6 +72,37 @@ def test_a_leaf_with_an_event_of_its_own(tmp_path: Path) -> None:
         assert (told.index(Verdict.TRUE) + 1 if Verdict.TRUE in told else NEVER) == expected
     assert [*monitor(tree, kind="attack").run([{"event": "y"}, {"event": "c"}])] == [Verdict.UNKNOWN] * 2
     assert [*monitor(tree, kind="attack").run([{"event": "y"}, {"stall": "b", "amp": 6}])][-1] == Verdict.TRUE
+
+
+@pytest.mark.parametrize(("text", "order", "position"), rows(__file__, "spares.txt"))
+def test_shared_spares(text: str, order: str, position: int | None) -> None:
+    """Also when a cold spare fails before it is taken."""
+    tree, facts = parse(text, "tree.dft").build(), read(text)
+    assert failures(facts, order.split())[facts.top] == (position or NEVER)
+    for some in permutations(facts.events) if len(facts.events) <= MAX_PERMUTED + 1 else some_orders(facts, 60):
+        agree(tree, facts, list(some))
+    agree(tree, facts, order.split())
+
+
+def some_orders(facts: FaultTree, number: int) -> Iterator[list[str]]:
+    random = Random(facts.top)
+    for _ in range(number):
+        yield random.sample(facts.events, len(facts.events))
+
+
+def test_random_shared_spares() -> None:
+    found: Counter[bool] = Counter()
+    for seed in range(60):
+        text = random_spares(Random(f"spares {seed}"))
+        facts = read(text)
+        try:
+            tree = parse(text, "tree.dft").build()
+        except LanguageError:
+            continue
+        for order in some_orders(facts, 20):
+            found[agree(tree, facts, order) < NEVER] += bool(facts.shared)
+    assert found[True] > 200
+    assert found[False] > 20
 
 
 def test_random_fault_trees() -> None:

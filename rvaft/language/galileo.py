@@ -16,6 +16,9 @@ from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, GateUse, Locat
 from rvaft.model.nodes import Gate, Place
 from rvaft.model.tree import find_cycle
 
+if TYPE_CHECKING:
+    from rvaft.language.shared_spares import SpareGate
+
 ATTACK_TREES: Final = ".at"
 """The extension of ATTop's attack trees, in which `sor` is a gate that attempts its children in turn."""
 SUFFIXES: Final = (".dft", ".galileo", ATTACK_TREES)

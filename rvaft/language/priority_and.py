@@ -69,7 +69,8 @@ class Facts(NamedTuple):
 def read_priority_gates(draft: Draft, gates: list[tuple[str, Place]], sharing: Events = frozenset()) -> None:
     """Translate the `pand` gates with these names and places, and record them in `dynamic_gates`.
 
-    `sharing` are the gates that share spares, for which cuts do not say when they have not failed. Raises `LanguageError` for gates that are not fixed and have no exact translation.
+    `sharing` are the gates that share spares, for which cuts do not say when they have not failed.
+    Raises `LanguageError` for gates that are not fixed and have no exact translation.
     """
     reading = FaultTree(draft, dict(gates), sharing)
     if gates and reading.valid():
@@ -357,7 +358,9 @@ class FaultTree:
         self._check_plain(name)
         shape = self.shapes[name]
         if name in self.sharing:
-            raise self._refusal(name, "it fails after another input, and the order of failures decides whether it has a spare")
+            raise self._refusal(
+                name, "it fails after another input, and the order of failures decides whether it has a spare"
+            )
         if shape.gate is Gate.PAND:
             raise self._refusal(name, "it is an input of a gate with choices, which fails after another one")
         below = [self._cuts(child) for child in shape.children]

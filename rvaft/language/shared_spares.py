@@ -77,7 +77,9 @@ class _Pool:
         self.tree = tree
         self.gates = {gate.name: gate for gate in gates}
         self.parts = {name: tree.shapes[name].children for name in self.gates}
-        self.firsts = {parts[0]: name for name, parts in self.parts.items()}
+        self.firsts: dict[str, str] = {}
+        for name, (first, *_) in self.parts.items():
+            self.firsts.setdefault(first, name)
         self.spares = list(dict.fromkeys(spare for parts in self.parts.values() for spare in parts[1:]))
         self.cold = next(iter(self.gates.values())).cold
         self.made: dict[object, str] = {}
@@ -125,10 +127,14 @@ class _Pool:
         parts = [*self.firsts, *self.spares]
         for one in parts:
             node = self.draft.nodes.get(one) or DraftNode(one)
-            if node.counts or node.withins or node.withouts or (node.gates and (node.ons or node.whens)):
-                raise self._error(
-                    f"{one} has a number of events, a window, an absent event, or an event beside its gate"
-                )
+            if (
+                node.counts
+                or node.withins
+                or node.withouts
+                or (node.gates and node.ons)
+                or (node.whens and not node.ons)
+            ):
+                raise self._error(f"{one} is more than a gate or one event")
             if self.cold and one in self.tree.shapes and one in self.spares:
                 raise self._error(f"the cold spare {one} is a gate, of which parts may fail before it is taken")
         for one, two in combinations(self.firsts if len(self.spares) == 1 else parts, 2):

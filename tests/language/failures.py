@@ -159,7 +159,7 @@ def orders(tree: FaultTree, random: Random, number: int) -> Iterator[list[str]]:
 
 def random_spares(random: Random) -> str:
     """Return a random fault tree in which gates share one or two spares, some of them below other gates."""
-    number, spares = random.choice([(2, 1), (3, 1), (4, 1), (2, 2), (2, 2), (3, 2)])
+    number, spares = random.choice([(2, 1), (3, 1), (4, 1), (2, 2), (2, 2), (3, 2), (2, 3)])
     word = random.choice(["wsp", "wsp", "csp", "spare"])
     text, gates = [], [f"g{place}" for place in range(number)]
     for place, gate in enumerate(gates):
@@ -174,7 +174,7 @@ def random_spares(random: Random) -> str:
     parts = random.sample(gates, random.randint(1, number))
     if random.random() < 0.3:
         parts.append(random.choice(["x", "p0", "s0"]))
-    top = random.choice(["and", "or", f"vot{(len(parts) + 1) // 2}", "and", "pand" if len(parts) > 1 else "or"])
+    top = random.choice(["and", "or", f"vot{(len(parts) + 1) // 2}", "pand" if len(parts) > 1 else "or"])
     return f"toplevel top; top {top} {' '.join(parts)}; {' '.join(text)}"
 
 

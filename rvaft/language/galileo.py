@@ -3,8 +3,8 @@
 A monitor observes which parts fail, and in which order. A warm or hot spare may fail before it is
 used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`, as does
 `seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. `pand`
-has its own module, `priority_and.py`. Gates with
-probabilities or shared spares are refused, because failures do not determine them.
+has its own module, `priority_and.py`, and so have spares that gates share, `shared_spares.py`. Gates with
+probabilities are refused, because failures do not determine them.
 """
 
 from collections import Counter

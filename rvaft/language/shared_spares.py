@@ -116,12 +116,12 @@ class _Pool:
 
     def _check(self) -> None:
         """Raise `LanguageError` unless the order of failures determines which gate takes a spare."""
-        for name, parts in self.parts.items():
+        for name, (first, *_) in self.parts.items():
             self.gate = self.gates[name]
-            if parts[0] in self.spares:
-                raise self._error(f"{parts[0]} is also the first part of {name}")
-            if self.firsts[parts[0]] != name:
-                raise self._error(f"{parts[0]} is the first part of {self.firsts[parts[0]]} and {name}")
+            if first in self.spares:
+                raise self._error(f"{first} is also the first part of {name}")
+            if self.firsts[first] != name:
+                raise self._error(f"{first} is the first part of {self.firsts[first]} and {name}")
             if self.gate.cold != self.cold:
                 raise self._error("they are cold in one gate, and not in another one")
         parts = [*self.firsts, *self.spares]

@@ -40,6 +40,7 @@ DRAFT_RULES: Final = (
     Rule("malformed-topic", Severity.ERROR, structure.malformed_topic),
     Rule("no-time", Severity.ERROR, structure.no_time),
     Rule("dynamic-gate", Severity.INFORMATION, structure.dynamic_gate),
+    Rule("other-format", Severity.INFORMATION, structure.other_format),
 )
 """The rules that a draft must satisfy to be a tree."""
 

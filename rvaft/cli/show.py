@@ -16,8 +16,7 @@ from rvaft.core.branches import Branch, branches
 from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError
 from rvaft.export import SUFFIXES, Format, format_of
-from rvaft.export.drawing import draw
-from rvaft.export.galileo_text import losses
+from rvaft.export.drawing import LOSSES, draw
 from rvaft.export.layout import NARROWEST, WIDTH, Look, Marks, branch_marks, marks
 from rvaft.export.property_text import WIDTH as LATEX_WIDTH
 from rvaft.export.property_text import align_latex, kinds_of, property_sign, property_text, property_unicode
@@ -71,9 +70,9 @@ def show_command(*, tree: str, form: Format | None, output: str | None, highligh
     given["marks"] = _highlighted(loaded, given.pop("highlight")[0], semantics) if highlight else None
     given["symbols"] = not given.pop("boxes", False)
     deliver(draw(loaded, chosen, Look(**{"events": chosen is Format.TREE, **given})), output)
-    if chosen is Format.GALILEO:
-        for loss in losses(loaded):
-            warn(f"galileo: {loss}")
+    if chosen in LOSSES:
+        for loss in LOSSES[chosen](loaded):
+            warn(f"{chosen}: {loss}")
     return 0
 
 

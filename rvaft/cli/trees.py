@@ -10,8 +10,7 @@ import click
 
 from rvaft.cli import options
 from rvaft.errors import RvaftError
-from rvaft.language.parser import SUFFIXES as TREES
-from rvaft.language.parser import NoTree
+from rvaft.language.parser import TREES, NoTree
 from rvaft.model.tree import RVAFT
 from rvaft.readers.log import scheme, suffix
 from rvaft.readers.registry import suffixes

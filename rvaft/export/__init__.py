@@ -17,6 +17,7 @@ class Format(StrEnum):
     TIKZ = "tikz"
     JSON = "json"
     GALILEO = "galileo"
+    OPEN_PSA = "open-psa"
     RVAFT = "rvaft"
 
     @property
@@ -25,7 +26,7 @@ class Format(StrEnum):
         return self not in WRITTEN
 
 
-WRITTEN: Final = frozenset({Format.JSON, Format.GALILEO, Format.RVAFT})
+WRITTEN: Final = frozenset({Format.JSON, Format.GALILEO, Format.OPEN_PSA, Format.RVAFT})
 """The formats of the complete tree."""
 PICTURES: Final = (Format.SVG, Format.PDF, Format.PNG)
 SUFFIXES: Final[Mapping[str, Format]] = {
@@ -33,7 +34,8 @@ SUFFIXES: Final[Mapping[str, Format]] = {
     ".gv": Format.DOT,
     ".tex": Format.TIKZ,
     ".dft": Format.GALILEO,
-    **{f".{form}": form for form in Format if form is not Format.TREE},
+    ".xml": Format.OPEN_PSA,
+    **{f".{form}": form for form in Format if form not in (Format.TREE, Format.OPEN_PSA)},
 }
 
 

@@ -1,12 +1,11 @@
 """Drawings of trees and detections, and trees in other formats."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Final
 
 from rvaft.core.restriction import whole
-from rvaft.export import PICTURES, WRITTEN, Format
+from rvaft.export import PICTURES, WRITTEN, Format, galileo_text, open_psa
 from rvaft.export.dot import dot_text
-from rvaft.export.galileo_text import galileo_text
 from rvaft.export.layout import PLAIN, TERMINAL, Look, marks
 from rvaft.export.svg import rendered, svg_document
 from rvaft.export.text import tree_text
@@ -24,9 +23,15 @@ _DRAWN: Final[Mapping[Format, Callable[[RVAFT, Look], str]]] = {
 }
 _WRITTEN: Final[Mapping[Format, Callable[[RVAFT], str]]] = {
     Format.JSON: json_text,
-    Format.GALILEO: galileo_text,
+    Format.GALILEO: galileo_text.galileo_text,
+    Format.OPEN_PSA: open_psa.open_psa_text,
     Format.RVAFT: dumps,
 }
+LOSSES: Final[Mapping[Format, Callable[[RVAFT], Iterator[str]]]] = {
+    Format.GALILEO: galileo_text.losses,
+    Format.OPEN_PSA: open_psa.losses,
+}
+"""What the formats of other tools lack of a tree, one clause each."""
 assert set(_DRAWN) | set(PICTURES) == set(Format) - WRITTEN, "every drawing is made in one way"
 assert set(_WRITTEN) == WRITTEN, "every other format is written in one way"
 

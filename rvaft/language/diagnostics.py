@@ -291,7 +291,6 @@ def _time_slips(at: _Situation) -> Advice:
 
 
 _UNSUPPORTED: Final = {
-    "sor": "it needs failures at the same time; write `and` with `within 0 s`",
     "inhibit": "write `and`, with the condition as a child",
     "rdep": "it changes failure rates, and a monitor observes failures; leave it out",
 }
@@ -311,6 +310,8 @@ def _statement_slips(at: _Situation) -> Advice:
     if names_node and gate.text in DYNAMIC_GATES and bad.text == "-" and bad.start == gate.end:
         of = shown(name.text.strip('"'))
         yield f"the gate {shown(f'{gate.text}-{following.text}')} of {of} is not supported", gate.start
+    if name.text == "toplevel" and last.text == gate.text and bad.text[:1].isdigit():
+        yield "a root has no costs here; write them as attributes of leaves", bad.start
     if at.can("K_OF_N") and bad.text[:1].isdigit():
         found = re.match(r"([0-9]+)of([0-9]+)", "".join(x.text for x in (bad, *at.after)))
         yield f"K of N is written without spaces, as in {f'{found[1]}of{found[2]}' if found else '2of3'}", bad.start

@@ -50,6 +50,7 @@ DYNAMIC_GATES: Final[Mapping[str, Gate]] = {
     "pdep": Gate.OR,
     "por": Gate.OR,
     "mutex": Gate.OR,
+    "sor": Gate.OR,
 }
 """The dynamic gates of Galileo, with the gate in their place.
 
@@ -96,8 +97,8 @@ class Count(NamedTuple):
 UNMENTIONED: Final = "no statement mentions it"
 
 
-class DynamicGate(NamedTuple):
-    """The translation of a dynamic gate as a sentence, and its nodes."""
+class Reading(NamedTuple):
+    """How a dynamic gate, or a part of a tree in another format, is read: a sentence, and its nodes."""
 
     place: Place
     sentence: str
@@ -215,7 +216,9 @@ class Draft:
     parameters: list[Located[str]] = field(default_factory=list)
     prunes: list[Located[str]] = field(default_factory=list)
     broken_prunes: list[BrokenPrune] = field(default_factory=list)
-    dynamic_gates: list[DynamicGate] = field(default_factory=list)
+    dynamic_gates: list[Reading] = field(default_factory=list)
+    readings: list[Reading] = field(default_factory=list)
+    """How parts of files in other formats than Galileo's are read."""
     persistent: bool = False
     """Whether a file is a fault tree, whose failures persist: `scattered` where no semantics is stated."""
     year: int | None = None

@@ -3,25 +3,32 @@
 A monitor observes which parts fail, and in which order. A warm or hot spare may fail before it is
 used, so its gate becomes an `and`. A cold spare cannot, so its gate becomes a `sand`, as does
 `seq`. `fdep T D …` replaces every D by `D or T`; T stays one node with one occurrence. `pand`
-has its own module, `priority_and.py`. Gates with
-probabilities or shared spares are refused, because failures do not determine them.
+has its own module, `priority_and.py`, and so have spares that gates share, `shared_spares.py`. Gates with
+probabilities are refused, because failures do not determine them.
 """
 
+from collections import Counter
 from collections.abc import Mapping
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from rvaft.errors import LanguageError
-from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, DynamicGate, GateUse, Located
+from rvaft.language.draft import DYNAMIC_GATES, Draft, DraftNode, GateUse, Located, Reading
 from rvaft.model.nodes import Gate, Place
 from rvaft.model.tree import find_cycle
 
-SUFFIXES: Final = (".dft", ".galileo")
+if TYPE_CHECKING:
+    from rvaft.language.shared_spares import SpareGate
+
+ATTACK_TREES: Final = ".at"
+"""The extension of ATTop's attack trees, in which `sor` is a gate that attempts its children in turn."""
+SUFFIXES: Final = (".dft", ".galileo", ATTACK_TREES)
 """Extensions of Galileo files, in which `pand` is a dynamic gate, too, and failures persist (`scattered`)."""
 _WHY: Final = {
     "seq": "its parts fail from left to right",
     "csp": "a cold spare cannot fail before it is used",
     "wsp": "a warm spare may fail before it is used",
     "hsp": "a hot spare may fail before it is used",
+    "sor": "any part attains it, and no event shows which ones were attempted before",
 }
 _IDLE: Final = "it has no parent, so other orders are detected, too"
 _SHOWN: Final = 3
@@ -53,21 +60,39 @@ def read_dynamic_gates(draft: Draft, *, strict: bool = False) -> None:
     if strict:
         node, (use, place) = min(uses, key=lambda found: found[1].place)
         raise _error(f"the dynamic gate `{use.dynamic}` of `{node.name}` is refused by strict Galileo", place)
+    for node, (use, place) in uses:
+        if use.dynamic == "sor" and not place.file.lower().endswith(ATTACK_TREES):
+            why = "it needs failures at the same time; write `and` with `within 0 s`"
+            raise _error(f"the gate `sor` of `{node.name}` is not supported: {why}", place)
     from rvaft.language.priority_and import read_priority_gates, unordered  # noqa: PLC0415 -- imported on use
 
-    _check_spares(uses)
+    shared = _shared_spares(draft, uses)
+    alone = [one for one in uses if not any(one[0].name == gate.name for group in shared for gate in group)]
     dependencies = [(node, located) for node, located in uses if located.value.is_dependency and len(node.gates) == 1]
     below = {child.value for node in draft.nodes.values() for child in node.children()}
     below.update(toplevel.value for toplevel in draft.toplevels)
-    for node, (use, place) in uses:
+    for node, (use, place) in alone:
         if not use.is_dependency and use.dynamic != "pand":
             idle = use.dynamic == "seq" and node.name not in below
             draft.dynamic_gates.append(_static(draft, node, Located(use, place), "; " + _IDLE if idle else ""))
     dependents = _read_dependencies(draft, dependencies) if dependencies else []
     ordered = {"seq", "csp", "spare"}
-    _drop_order(draft, unordered(draft, [node.name for node, (use, _) in uses if use.dynamic in ordered], dependents))
+    _drop_order(draft, unordered(draft, [node.name for node, (use, _) in alone if use.dynamic in ordered], dependents))
+    if shared:
+        from rvaft.language.shared_spares import read_shared_spares  # noqa: PLC0415 -- imported on use
+
+        warm = unordered(draft, [gate.name for group in shared for gate in group if gate.cold], dependents)
+        read_shared_spares(
+            draft,
+            [
+                [gate._replace(cold=gate.cold and not any(one.name in warm for one in group)) for gate in group]
+                for group in shared
+            ],
+        )
     read_priority_gates(
-        draft, [(node.name, located.place) for node, located in uses if located.value.dynamic == "pand"]
+        draft,
+        [(node.name, located.place) for node, located in uses if located.value.dynamic == "pand"],
+        frozenset(gate.name for group in shared for gate in group),
     )
 
 
@@ -94,17 +119,23 @@ def _error(message: str, place: Place) -> LanguageError:
     return LanguageError(message, file=place.file, line=place.line, column=place.column)
 
 
-def _static(draft: Draft, node: DraftNode, located: Located[GateUse], note: str) -> DynamicGate:
+def _static(draft: Draft, node: DraftNode, located: Located[GateUse], note: str) -> Reading:
     use, place = located
     kind = use.dynamic
     if kind == "spare":
-        spares = (draft.nodes.get(spare.value, DraftNode("")) for spare in use.children[1:])
-        cold = all(any(key == "dorm" and _is(value, 0) for (key, value), _ in spare.attributes) for spare in spares)
-        kind = "csp" if cold else "wsp"
+        kind = "csp" if _is_cold(draft, use) else "wsp"
         use = use._replace(gate=DYNAMIC_GATES[kind])
         node.gates = [Located(use, other.place) if other == located else other for other in node.gates]
     how = f"is read as `{use.gate}`: {_WHY[kind]}{note}"
-    return DynamicGate(place, f"`{use.dynamic}` of {node.name} {how}", (node.name,))
+    return Reading(place, f"`{use.dynamic}` of {node.name} {how}", (node.name,))
+
+
+def _is_cold(draft: Draft, use: GateUse) -> bool:
+    """Whether the spares of a gate cannot fail before they are taken."""
+    if use.dynamic != "spare":
+        return use.dynamic == "csp"
+    spares = (draft.nodes.get(spare.value, DraftNode("")) for spare in use.children[1:])
+    return all(any(key == "dorm" and _is(value, 0) for (key, value), _ in spare.attributes) for spare in spares)
 
 
 def _is(text: str, number: float) -> bool:
@@ -114,17 +145,20 @@ def _is(text: str, number: float) -> bool:
         return False
 
 
-def _check_spares(uses: list[tuple[DraftNode, Located[GateUse]]]) -> None:
-    seen: dict[str, tuple[str, bool]] = {}
-    for node, (use, _) in uses:
-        if use.dynamic not in _SPARES:
-            continue
-        for number, child in enumerate(use.children):
-            other, spare = seen.setdefault(child.value, (node.name, number > 0))
-            if other != node.name and (spare or number):
-                why = "failures do not determine which gate takes it"
-                message = f"the spare {child.value} is shared by {other} and {node.name}: {why}; give each its own"
-                raise _error(message, child.place)
+def _shared_spares(draft: Draft, uses: list[tuple[DraftNode, Located[GateUse]]]) -> "list[list[SpareGate]]":
+    """Return the groups of gates that share spares."""
+    spares = {node.name: (use, place) for node, (use, place) in uses if use.dynamic in _SPARES and len(node.gates) == 1}
+    parts = [(name, list(dict.fromkeys(part.value for part in use.children))) for name, (use, _) in spares.items()]
+    used = Counter(part for _, below in parts for part in below)
+    if all(used[part] == 1 for _, below in parts for part in below[1:]):
+        return []
+    from rvaft.language.shared_spares import SpareGate, pools  # noqa: PLC0415 -- imported on use
+
+    def gate(name: str) -> SpareGate:
+        use, place = spares[name]
+        return SpareGate(name, use.dynamic, place, _is_cold(draft, use))
+
+    return [list(map(gate, group)) for group in pools(parts)]
 
 
 def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located[GateUse]]]) -> list[str]:
@@ -173,7 +207,7 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located
         if use.children:
             trigger, *dependents = (child.value for child in use.children)
             how = f"a failure of {trigger} counts as a failure of {', '.join(dependents)}, too"
-            draft.dynamic_gates.append(DynamicGate(place, f"`{use.dynamic}` of {node.name}: {how}", ()))
+            draft.dynamic_gates.append(Reading(place, f"`{use.dynamic}` of {node.name}: {how}", ()))
     return list(made)
 
 

@@ -19,6 +19,8 @@ from rvaft.language.builder import Build, ImportStatement, Page, Slip, Statement
 from rvaft.language.draft import Draft, Located
 from rvaft.language.galileo import SUFFIXES as GALILEO
 from rvaft.language.galileo import is_galileo, read_dynamic_gates
+from rvaft.language.markup import SUFFIX as XML
+from rvaft.language.markup import is_document
 from rvaft.model.event_time import EventTime, TextFormat
 from rvaft.model.guards import Guard
 from rvaft.model.patterns import Pattern
@@ -26,7 +28,9 @@ from rvaft.support.collector import no_collections
 from rvaft.support.files import note_input, opened_within
 
 SUFFIXES: Final = (".rvaft", *GALILEO)
-"""The suffixes of trees; errors quote other files only after a statement."""
+"""The suffixes of trees in this language; errors quote other files only after a statement."""
+TREES: Final = (*SUFFIXES, XML)
+"""The suffixes of all trees."""
 MAX_FILE: Final = 16 * 1024 * 1024
 """The maximum size of a file in bytes; ten thousand nodes need less than 1 MiB."""
 _NO_TEXT: Final = re.compile("[\0\ud800-\udfff]")
@@ -231,9 +235,20 @@ class _Source(Page):
     imported: list[str] = field(default_factory=list)
 
     def begin(self) -> "_Source":
+        if self.is_document:
+            from rvaft.language.other_formats import read_other_format  # noqa: PLC0415 -- imported on use
+
+            self.draft.persistent = True
+            read_other_format(self.text, self)
+            return self
         self.draft.persistent |= is_galileo(self.file)
         self.statements = iter(_parse(self.text, self.file, "tree"))
         return self
+
+    @property
+    def is_document(self) -> bool:
+        """Whether this is an XML document, whose errors quote nothing unless it is a tree."""
+        return self.file.lower().endswith(XML) or is_document(self.text)
 
 
 @no_collections()
@@ -276,7 +291,9 @@ def _begun(source: _Source, main: _Source, folder: Path) -> _Source:
             raise
         if source is not main and _is_outside(source.identity, folder):
             why = "the text of a file outside the folder of the tree is not shown"
-        elif Path(source.identity).suffix.lower() not in SUFFIXES and not _begins_as_tree(source.text, error):
+        elif source.is_document or Path(source.identity).suffix.lower() in SUFFIXES:
+            raise
+        elif not _begins_as_tree(source.text, error):
             why = "the text of a file that begins as no tree does is not shown"
         else:
             raise

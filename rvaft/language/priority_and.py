@@ -21,7 +21,7 @@ from itertools import combinations, pairwise, product
 from typing import Final, NamedTuple, TypeAlias
 
 from rvaft.errors import LanguageError
-from rvaft.language.draft import Draft, DraftNode, DynamicGate, GateUse, Located
+from rvaft.language.draft import Draft, DraftNode, GateUse, Located, Reading
 from rvaft.model.guards import renamed, time_points, variables
 from rvaft.model.nodes import EventType, Gate, On, Place, Side, Without
 from rvaft.model.patterns import Literal, ObjectPattern, Variable
@@ -66,22 +66,23 @@ class Facts(NamedTuple):
     depth: int = 0
 
 
-def read_priority_gates(draft: Draft, gates: list[tuple[str, Place]]) -> None:
+def read_priority_gates(draft: Draft, gates: list[tuple[str, Place]], sharing: Events = frozenset()) -> None:
     """Translate the `pand` gates with these names and places, and record them in `dynamic_gates`.
 
+    `sharing` are the gates that share spares, for which cuts do not say when they have not failed.
     Raises `LanguageError` for gates that are not fixed and have no exact translation.
     """
-    reading = _Reading(draft, dict(gates))
+    reading = FaultTree(draft, dict(gates), sharing)
     if gates and reading.valid():
         reading.translate()
     for name, place in gates:
         how = EXACT if name in reading.changed else FIXED
-        draft.dynamic_gates.append(DynamicGate(place, f"`pand` of {name} {how}", (name,)))
+        draft.dynamic_gates.append(Reading(place, f"`pand` of {name} {how}", (name,)))
 
 
 def unordered(draft: Draft, names: Iterable[str], dependents: Iterable[str]) -> list[str]:
     """Return which of these gates have two children that share a basic event, or later ones with dependent events."""
-    reading = _Reading(draft, {})
+    reading = FaultTree(draft, {})
     if not reading.valid():
         return []
 
@@ -107,12 +108,13 @@ class Form(NamedTuple):
     absent: Events = frozenset()
 
 
-class _Reading:
+class FaultTree:
     """The gates of a fault tree (`shapes`), in which a `pand` has Galileo's meaning until it is translated."""
 
-    def __init__(self, draft: Draft, places: dict[str, Place]) -> None:
+    def __init__(self, draft: Draft, places: dict[str, Place], sharing: Events = frozenset()) -> None:
         self.draft = draft
         self.places = places
+        self.sharing = sharing
         self.changed: set[str] = set()
         self.shapes: dict[str, FaultGate] = {}
         self.origin: dict[str, str] = {}
@@ -126,7 +128,7 @@ class _Reading:
         self._failures: dict[str, On] = {}
         self._dominated: dict[str, Events] = {}
         self._size = 0
-        self._leaves = {child.value for node in draft.nodes.values() for child in node.children()}
+        self.leaves = {child.value for node in draft.nodes.values() for child in node.children()}
         for node in draft.nodes.values():
             if node.gates:
                 use = node.gates[0].value
@@ -320,11 +322,26 @@ class _Reading:
         title = f"{y} after {x}"
         if self.facts(y).events <= cut:
             return Form(title, FaultGate(Gate.SAND, (first, y)))
+        if self.shapes[y].gate in (Gate.SAND, Gate.SAND_RL):
+            return Form(title, FaultGate(Gate.AND, (y, *self._parts_after(name, x, first, y, cut))))
         below = []
         for child in self.shapes[y].children:
             touched = self.facts(child).events & cut
             below.append(self._node(name, self._after(name, x, first, child, cut)) if touched else child)
         return Form(title, self.shapes[y]._replace(children=tuple(below)))
+
+    def _parts_after(self, name: str, x: str, first: str, y: str, cut: Events) -> Iterator[str]:
+        """Yield the failures after `first` of those parts of a sequence y that have basic events of a cut.
+
+        The sequence itself orders its parts, so what is before `first` need not be the part before.
+        """
+        for child in self.shapes[y].children:
+            events = self.facts(child).events
+            if not events & cut:
+                continue
+            if not (events <= cut or self.facts(child).fixed):
+                raise self._refusal(y, f"its part {child} can fail in several ways, of which only some are after {x}")
+            yield self._node(name, self._after(name, x, first, child, cut))
 
     def _check_only_below(self, name: str, absent: Events) -> None:
         """Raise `LanguageError` if an absent event can be used by another part of a match."""
@@ -340,6 +357,10 @@ class _Reading:
             return [frozenset([name])]
         self._check_plain(name)
         shape = self.shapes[name]
+        if name in self.sharing:
+            raise self._refusal(
+                name, "it fails after another input, and the order of failures decides whether it has a spare"
+            )
         if shape.gate is Gate.PAND:
             raise self._refusal(name, "it is an input of a gate with choices, which fails after another one")
         below = [self._cuts(child) for child in shape.children]
@@ -442,7 +463,7 @@ class _Reading:
         """Add a node to the draft, at the place of a gate, and return its name."""
         short = title = title if len(title) <= _LONGEST else f"{title[:_LONGEST]}..."
         number = 1
-        while title in self.draft.nodes or title in self._leaves:
+        while title in self.draft.nodes or title in self.leaves:
             number += 1
             title = f"{short} ({number})"
         place = self.draft.nodes[self.origin.get(name, name)].place

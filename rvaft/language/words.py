@@ -90,6 +90,7 @@ WORDS: Final[Mapping[Sort, Mapping[str, Word]]] = {
         "hsp": Word("a hsp b c;", _SPARE),
         "csp": Word("a csp b c;", "a cold spare cannot"),
         "spare": Word("a spare b c;", "the spares are cold, or not"),
+        "sor": Word("a sor b c;", "no event shows which parts were attempted before"),
         "fdep": _TRIGGER,
         "pdep": _TRIGGER._replace(usage="f pdep=1 t d e;"),
         "por": Word("a por b c;", "b fails before c does"),

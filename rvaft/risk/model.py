@@ -13,7 +13,7 @@ from typing import Final, assert_never
 
 from rvaft.errors import RvaftError
 from rvaft.language.draft import Draft, GateUse
-from rvaft.language.galileo import is_galileo
+from rvaft.language.galileo import ATTACK_TREES, is_galileo
 from rvaft.language.parser import parse_file_as_written
 from rvaft.model.nodes import Causality, Gate, Kind, Node
 from rvaft.model.quantities import Quantities, WrongQuantity, quantities
@@ -246,6 +246,8 @@ def of_draft(draft: Draft) -> RiskTree:
         if len(node.gates) > 1:
             raise RiskError(f"{node.gates[1].place}: {name} has two gates; `rvaft check` says more")
         for use, place in node.gates:
+            if use.dynamic == "sor" and not place.file.lower().endswith(ATTACK_TREES):
+                raise RiskError(f"{place}: the gate `sor` of {name} is read in {ATTACK_TREES} files only")
             if use.dynamic and (use.dynamic != "pand" or is_galileo(place.file)):
                 words[name] = use
     for undeclared in draft.undeclared():
@@ -444,6 +446,8 @@ def _op(node: Node, kind: str | None) -> Op:
             return Op.FIRST
         case "seq":
             return Op.SEQUENCE
+        case "sor":
+            return Op.OR
         case _:
             raise RiskError(f"the gate `{kind}` of {node.name} is not analysed")
     assert node.gate is not None

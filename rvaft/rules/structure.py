@@ -2,10 +2,12 @@
 
 from collections import Counter
 from collections.abc import Iterator
+from pathlib import PurePath
 
 from rvaft.core.feasibility import ScenarioSpace
 from rvaft.core.property import unrepeatable
 from rvaft.language.draft import UNMENTIONED, Draft, DraftNode, DraftTopic, GateUse, Located
+from rvaft.language.markup import SUFFIX as XML
 from rvaft.model.expressions import guard_text, name_text
 from rvaft.model.guards import time_points
 from rvaft.model.guards import variables as guard_variables
@@ -164,7 +166,12 @@ def no_root(draft: Draft) -> Iterator[RuleReport]:
         children = [child.value for child in draft.undeclared()][:_GUESSES]
         guesses = ((name, did_you_mean(name, children)) for name in names[:_GUESSES])
         guess = next((f"; {name}: {guess.removeprefix('; ')}" for name, guess in guesses if guess), "")
-        message = f"{listing(names)} have no parent; declare the root with `toplevel NAME;`{guess}"
+        mend = "declare the root with `toplevel NAME;`"
+        if draft.file.lower().endswith(XML):
+            mend = (
+                f'name the root in a tree that imports this file: import "{PurePath(draft.file).name}"; toplevel NAME;'
+            )
+        message = f"{listing(names)} have no parent; {mend}{guess}"
         yield RuleReport(roots[1].place, message, names)
 
 
@@ -215,6 +222,11 @@ def number(draft: Draft) -> Iterator[RuleReport]:
     if len(timed) > 1:
         message = f"the rate of {timed[True]} has a unit and that of {timed[False]} has none: write all alike"
         yield RuleReport(draft.nodes[timed[False]].place, message, (timed[False], timed[True]))
+
+
+def other_format(draft: Draft) -> Iterator[RuleReport]:
+    """How a tree of another format is read is reported."""
+    yield from (RuleReport(*reading) for reading in draft.readings)
 
 
 def no_time(draft: Draft) -> Iterator[RuleReport]:

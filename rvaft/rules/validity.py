@@ -41,6 +41,7 @@ DRAFT_RULES: Final = (
     Rule("no-time", Severity.ERROR, structure.no_time),
     Rule("dynamic-gate", Severity.INFORMATION, structure.dynamic_gate),
     Rule("number", Severity.WARNING, structure.number),
+    Rule("other-format", Severity.INFORMATION, structure.other_format),
 )
 """The rules that a draft must satisfy to be a tree."""
 

@@ -14,7 +14,7 @@ from rvaft.core.branches import branches
 from rvaft.export import Format
 from rvaft.export.drawing import draw
 from rvaft.export.property_text import align_latex
-from tests.cli.runs import FULL, PRUNED, SAND, run
+from tests.cli.runs import FULL, PRUNED, SAND, TREES, run
 from tests.tex import unsound
 
 PICTURES = {Format.SVG: b"<?xml", Format.PDF: b"%PDF", Format.PNG: b"\x89PNG"}
@@ -24,8 +24,9 @@ needs_graphviz = pytest.mark.skipif(shutil.which("dot") is None, reason="needs G
 
 @pytest.mark.parametrize("form", [form for form in Format if form not in PICTURES])
 def test_every_format_of_text(form: Format) -> None:
-    result = run("show", PRUNED, "--format", form)
-    assert (result.exit_code, result.stdout_bytes) == (0, draw(load(PRUNED), form))
+    tree = TREES / "gates" / "and.rvaft" if form is Format.OPEN_PSA else PRUNED
+    result = run("show", tree, "--format", form)
+    assert (result.exit_code, result.stdout_bytes) == (0, draw(load(tree), form))
 
 
 @pytest.mark.parametrize(("form", "magic"), PICTURES.items())

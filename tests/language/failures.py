@@ -2,7 +2,8 @@
 
 Shares nothing with rvaft, so that the two can be compared. A basic event fails once, at the position at which the
 order has it; a dependent event fails with its trigger, too. A gate fails at the first position at which its condition
-holds. The inputs of `pand` fail from left to right, also at the same position (*inclusive*).
+holds. The inputs of `pand` fail from left to right, also at the same position (*inclusive*). A gate whose spares others
+list, too, uses one of its inputs at a time: when that fails, it takes the first that is left, or fails.
 """
 
 import re
@@ -11,6 +12,7 @@ from random import Random
 from typing import NamedTuple
 
 NEVER = 10**9
+SPARES = ("wsp", "hsp", "csp", "spare")
 DEPENDENCIES = ("fdep", "pdep=1", "pdep=1.0")
 
 
@@ -30,6 +32,8 @@ class FaultTree(NamedTuple):
     triggers: list[tuple[str, list[str]]]
     enforced: list[list[str]]
     events: list[str]
+    shared: dict[str, bool]
+    """The gates that share spares, and whether these are cold: whether a failure counts only once it is taken."""
 
 
 def read(text: str) -> FaultTree:
@@ -62,9 +66,16 @@ def read(text: str) -> FaultTree:
     for name, gate in gates.items():  # a dependency never fails, and no gate waits for it
         kept = [one for one in gate.inputs if one not in dependencies]
         gates[name] = gate._replace(inputs=kept, need=min(gate.need, len(kept)))
-    for gate in gates.values():
+    shared: dict[str, bool] = {}
+    dependents = {one for _, names in triggers for one in names}
+    for name, gate in gates.items():
         cold = gate.word == "spare" and all(dormant.get(one, "") in ("0", "0.0") for one in gate.inputs[1:])
-        if cold or gate.word in ("csp", "seq"):
+        others = [one for one in gates.values() if one is not gate and one.word in SPARES]
+        if gate.word in SPARES and any(set(gate.inputs[1:]) & set(one.inputs) for one in others):
+            below = [{*_leaves(gates, one)} for one in gate.inputs]
+            free = sum(map(len, below)) == len(set().union(*below)) and not dependents & set().union(*below[1:])
+            shared[name] = free and (cold or gate.word == "csp")
+        elif cold or gate.word in ("csp", "seq"):
             enforced.append(gate.inputs)
     ordered = dict.fromkeys(_leaves(gates, top))
     return FaultTree(
@@ -73,6 +84,7 @@ def read(text: str) -> FaultTree:
         triggers,
         enforced,
         [one for one in {**ordered, **names} if one not in gates and one not in dependencies],
+        shared,
     )
 
 
@@ -87,6 +99,8 @@ def _leaves(gates: Mapping[str, Gate], name: str) -> Iterator[str]:
 def failures(tree: FaultTree, order: Sequence[str]) -> dict[str, int]:
     """Return at which position (from 1) each event and gate fails; NEVER if it does not."""
     at: dict[str, int] = dict.fromkeys([*tree.events, *tree.gates], NEVER)
+    uses = {name: tree.gates[name].inputs[0] for name in tree.shared}
+    taken = dict.fromkeys(uses.values(), 0)
     for position in range(len(order) + 1):
         if position:
             at[order[position - 1]] = min(at[order[position - 1]], position)
@@ -97,8 +111,18 @@ def failures(tree: FaultTree, order: Sequence[str]) -> dict[str, int]:
                 for one in dependents:
                     if at[trigger] <= position < at[one]:
                         at[one], failing = position, True
+            for name, part in uses.items():
+                if at[name] == NEVER and at[part] <= position and not (tree.shared[name] and at[part] < taken[part]):
+                    spares = [one for one in tree.gates[name].inputs[1:] if one not in taken]
+                    left = [one for one in spares if tree.shared[name] or at[one] > position]
+                    failing = True
+                    if left:
+                        uses[name], taken[left[0]] = left[0], position
+                    else:
+                        at[name] = position
+                    break
             for name, gate in tree.gates.items():
-                if at[name] == NEVER and _holds(gate, [at[one] for one in gate.inputs]):
+                if name not in uses and at[name] == NEVER and _holds(gate, [at[one] for one in gate.inputs]):
                     at[name], failing = position, True
     return at
 
@@ -131,6 +155,27 @@ def orders(tree: FaultTree, random: Random, number: int) -> Iterator[list[str]]:
                 break
             order.append(random.choice(ready[: 2 if place % 2 else None]))
         yield order
+
+
+def random_spares(random: Random) -> str:
+    """Return a random fault tree in which gates share one or two spares, some of them below other gates."""
+    number, spares = random.choice([(2, 1), (3, 1), (4, 1), (2, 2), (2, 2), (3, 2), (2, 3)])
+    word = random.choice(["wsp", "wsp", "csp", "spare"])
+    text, gates = [], [f"g{place}" for place in range(number)]
+    for place, gate in enumerate(gates):
+        kept = [f"s{spare}" for spare in range(spares)]
+        if random.random() < 0.3:
+            kept = random.sample(kept, random.randint(1, spares))
+        first = f"p{place}"
+        if random.random() < 0.2 and number < 4:
+            first = f"f{place}"
+            text.append(f"{first} {random.choice(['and', 'pand', 'or'])} p{place} q{place};")
+        text.append(f"{gate} {word} {first} {' '.join(kept)};")
+    parts = random.sample(gates, random.randint(1, number))
+    if random.random() < 0.3:
+        parts.append(random.choice(["x", "p0", "s0"]))
+    top = random.choice(["and", "or", f"vot{(len(parts) + 1) // 2}", "pand" if len(parts) > 1 else "or"])
+    return f"toplevel top; top {top} {' '.join(parts)}; {' '.join(text)}"
 
 
 def random_text(random: Random) -> str:

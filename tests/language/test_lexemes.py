@@ -99,7 +99,7 @@ def test_every_keyword_has_a_meaning() -> None:
     known = {word for words in WORDS.values() for word in words}
     assert keywords <= known
     assert {*GATES, *FUNCTIONS, *POINTS, *TimeFormat} <= known
-    assert RESERVED - known == {"xor", "nor", "nand", "pxor", "sor", "inhibit", "rdep"}  # refused gates
+    assert RESERVED - known == {"xor", "nor", "nand", "pxor", "inhibit", "rdep"}  # refused gates
     assert known - keywords == {"2of3", "pdep", *TimeFormat}
 
 

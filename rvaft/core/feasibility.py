@@ -35,7 +35,7 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
-    Without,
+    WithoutEvent,
     fewest,
     with_parts,
 )
@@ -456,7 +456,7 @@ def most_scenarios(prop: Property) -> int:
                 for of_part in inside:
                     keeping = [keeping[0], *(more + of_part * fewer for fewer, more in pairwise(keeping))]
                 ways[part] = sum(keeping[need:])
-            case Event() | Times() | Condition() | All() | core.Sequence() | EndInOrder() | Within() | Without():
+            case Event() | Times() | Condition() | All() | core.Sequence() | EndInOrder() | Within() | WithoutEvent():
                 ways[part] = prod(inside)
             case _:
                 assert_never(part)

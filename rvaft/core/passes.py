@@ -27,7 +27,7 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
-    Without,
+    WithoutEvent,
     chooses,
     parts_below,
     with_parts,
@@ -190,7 +190,7 @@ class _Ends:
                 return ()
             case Sequence() | EndInOrder():
                 return self._lasts[busy[-1]] if busy else ()
-            case All() | One() | AtLeast() | Within() | Without():
+            case All() | One() | AtLeast() | Within() | WithoutEvent():
                 return tuple(dict.fromkeys(last for inner in busy for last in self._lasts[inner]))
             case _:
                 assert_never(part)
@@ -435,7 +435,7 @@ def decide_constants(prop: Property) -> Property:
                 if len(possible) == part.need:
                     return All(part.source, possible)
                 return with_parts(part, possible)
-            case All() | Sequence() | EndInOrder() | Within() | Without():
+            case All() | Sequence() | EndInOrder() | Within() | WithoutEvent():
                 return with_parts(part, parts) if len(possible) == len(parts) else IMPOSSIBLE
             case _:
                 assert_never(part)
@@ -473,7 +473,7 @@ def _flatten(prop: Property, _: int) -> Property:
                 if not inner:
                     return NOTHING
                 return inner[0] if len(inner) == 1 else kind(part.source, tuple(inner))
-            case Event() | Times() | Condition() | One() | AtLeast() | EndInOrder() | Within() | Without():
+            case Event() | Times() | Condition() | One() | AtLeast() | EndInOrder() | Within() | WithoutEvent():
                 return with_parts(part, parts)
             case _:
                 assert_never(part)

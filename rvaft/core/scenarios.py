@@ -18,7 +18,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
-    Without,
+    WithoutEvent,
     chooses,
     fewest,
     kept_ways,
@@ -48,7 +48,7 @@ def observable(parts: Iterable[Part]) -> set[Part]:
                 possible = not is_constant(part) or holds(part.guard, {})
             case One() | AtLeast():
                 possible = sum(inner in found for inner in part.parts) >= fewest(part)
-            case All() | Sequence() | EndInOrder() | Within() | Without():
+            case All() | Sequence() | EndInOrder() | Within() | WithoutEvent():
                 possible = all(inner in found for inner in part.parts)
             case _:
                 assert_never(part)
@@ -69,7 +69,7 @@ def most_events(parts: Iterable[Part]) -> dict[Part, int]:
                 most[part] = min(2, count)
             case One():
                 most[part] = max(inner, default=0)
-            case Condition() | All() | Sequence() | AtLeast() | EndInOrder() | Within() | Without():
+            case Condition() | All() | Sequence() | AtLeast() | EndInOrder() | Within() | WithoutEvent():
                 most[part] = min(2, sum(inner))
             case _:
                 assert_never(part)
@@ -139,9 +139,9 @@ class Scenario:
         return tuple(event for event in self.events if event in below)
 
     @property
-    def absences(self) -> tuple[tuple[Without, tuple[Event, ...]], ...]:
+    def absences(self) -> tuple[tuple[WithoutEvent, tuple[Event, ...]], ...]:
         """The kept clauses of absent events, each with the events of its part."""
-        return tuple((part, self.events_below(part)) for part in self.kept if isinstance(part, Without))
+        return tuple((part, self.events_below(part)) for part in self.kept if isinstance(part, WithoutEvent))
 
 
 def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Scenario]:

@@ -25,7 +25,7 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
-    Without,
+    WithoutEvent,
 )
 from rvaft.core.property import Sequence as Ordered
 from rvaft.core.times import point_bounds
@@ -286,7 +286,7 @@ def _drafted(prop: Property, *, points: bool) -> _Draft:
                 taken.add(inside)
                 if draft is not None:
                     draft.window = duration if draft.window is None else min(duration, draft.window)
-            case Without():
+            case WithoutEvent():
                 raise _NotApart
             case _:
                 raise AssertionError("a window has one part")

@@ -190,7 +190,7 @@ class Session:
 
 
 @dataclass(eq=False)
-class Protocol:
+class MessageProtocol:
     """Reads and answers messages for a tree or part.
 
     Messages of more than `longest` bytes are errors; with `strict_json`, so are numbers that are
@@ -283,7 +283,7 @@ class Protocol:
 
 
 def reply_of_all(
-    protocols: Mapping[str, Protocol], message: str | bytes, sessions: Mapping[str, Session]
+    protocols: Mapping[str, MessageProtocol], message: str | bytes, sessions: Mapping[str, Session]
 ) -> dict[str, Json]:
     """Return the reply to a message for trees by name: of several, with what each says in `trees`.
 

@@ -19,7 +19,7 @@ from rvaft.model.guards import Guard, time_points, variables
 from rvaft.model.nodes import Assumption, Kind, Relevant, Side
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.patterns import variables as pattern_variables
-from rvaft.model.tree import RVAFT, sorted_topologically
+from rvaft.model.tree import RVAFT, reachable, sorted_topologically
 from rvaft.model.verdict import Semantics
 from rvaft.support.wording import did_you_mean
 
@@ -244,14 +244,7 @@ def parts_below(root: Part, inner: Callable[[Part], tuple[Part, ...]] = _all_par
 
     `inner` returns the direct subparts to include. The reverse is the order of the tree.
     """
-    seen: dict[Part, tuple[Part, ...]] = {}
-    agenda = [root]
-    while agenda:
-        part = agenda.pop()
-        if part not in seen:
-            seen[part] = inner(part)
-            agenda.extend(reversed(seen[part]))
-    return tuple(sorted_topologically(seen))[::-1]
+    return tuple(sorted_topologically({part: inner(part) for part in reachable(root, inner)}))[::-1]
 
 
 def variables_in(part: Part) -> tuple[str, ...]:

@@ -12,8 +12,8 @@ import pytest
 
 from backends.c.library import CMonitor, compile_c, fast_compiler
 from rvaft import NotExpressible, OptionError, Semantics, TooLarge, dumps, loads
-from tests.backends.c.programs import BACKEND, SANITIZERS, SCATTERED, status
-from tests.backends.c.test_c import KEY, PIECES, WARNINGS
+from tests.backends.c.programs import BACKEND, SANITIZERS, SCATTERED, compile_strictly, status
+from tests.backends.c.test_c import KEY, PIECES
 from tests.cli.runs import run
 from tests.engine.test_repeat_by import detections, events_of, trees
 
@@ -65,7 +65,7 @@ def test_only_the_detected_value_starts_afresh(seed: int, tmp_path: Path) -> Non
 def test_sizes_warnings_and_keys(name: str, tmp_path: Path) -> None:
     tree, random = loads(TEXTS[name]), Random(name)
     made = BY.translate(tree, SCATTERED).text
-    compile_c(made, tmp_path / "monitor.o", (*WARNINGS, "-DRVAFT_PLACES=1", "-DRVAFT_MAIN=1", "-c"))
+    compile_strictly(made, tmp_path, "-DRVAFT_PLACES=1", "-DRVAFT_MAIN=1")
     size = re.search(r"sizeof\(rvaft_monitor\) is (\d+) bytes", made)
     assert size is not None
     assert int(size[1]) == CMonitor(made).size

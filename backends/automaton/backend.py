@@ -13,9 +13,10 @@ from backends.automaton.partial_matches import PartialMatches
 from backends.automaton.structure import Structure, structure
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
 from rvaft.core.residual import ResidualSpace
+from rvaft.core.time_order import bind_times, order_ends, windows_to_guards
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern

@@ -13,8 +13,9 @@ from backends.eql.reader import compiled, with_time
 from backends.eql.translation import NO_NULL, EqlText
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import order_ends
 from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator

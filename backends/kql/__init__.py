@@ -11,8 +11,9 @@ from backends.kql.translation import KqlQuery
 from backends.tables import ROWID, Table, with_time
 from rvaft.backend import Backend, Match, SpecificationText
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, WithoutEvent
+from rvaft.core.time_order import bind_times, order_ends, windows_to_guards
 from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator

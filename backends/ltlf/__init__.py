@@ -12,8 +12,9 @@ from backends.ltlf.monitor import LtlfMonitor, formal, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import bind_times, order_ends, windows_to_guards
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics

@@ -9,8 +9,9 @@ from typing import ClassVar
 from backends.match_recognize.translation import RowPatternQueries
 from rvaft.backend import Backend, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, WithoutEvent
+from rvaft.core.time_order import bind_times, order_ends, windows_to_guards
 from rvaft.model.guards import Operator
 from rvaft.model.verdict import Semantics, Verdict
 

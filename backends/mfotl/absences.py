@@ -14,9 +14,9 @@ from backends.event_columns import FittingEvent
 from backends.mfotl.conditions import Conditions, Ways, both
 from rvaft.core.conditions import Unsayable
 from rvaft.core.overlaps import compatible
-from rvaft.core.passes import time_names
 from rvaft.core.property import Event, Part, Property, Source, WithoutEvent, parts_below, with_parts
 from rvaft.core.scenarios import Scenario
+from rvaft.core.time_order import time_names
 from rvaft.core.times import timed, untimed
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables

@@ -12,8 +12,9 @@ from backends.mtl.reader import compiled
 from backends.mtl.translation import REELAY, WindowedFormula, symbols, translation
 from rvaft.backend import Backend, Metrics, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import order_ends
 from rvaft.errors import NotExpressible, Reason, cannot, unwritten
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import Operator

@@ -23,8 +23,9 @@ from rvaft.capabilities import (
     Ties,
     Value,
 )
-from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import order_ends
 from rvaft.errors import NotExpressible, Reason, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption

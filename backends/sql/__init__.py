@@ -12,8 +12,9 @@ from backends.sql.translation import SqlQuery
 from backends.tables import Table, with_time
 from rvaft.backend import Backend, Highlighting, Match, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, WithoutEvent
+from rvaft.core.time_order import bind_times, order_ends, windows_to_guards
 from rvaft.errors import NotExpressible, OptionError, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator

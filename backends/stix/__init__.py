@@ -27,8 +27,9 @@ from rvaft.capabilities import (
     Ties,
     Value,
 )
-from rvaft.core.passes import Pass, expand_times, order_ends
+from rvaft.core.passes import Pass, expand_times
 from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import order_ends
 from rvaft.errors import Reason, cannot, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator

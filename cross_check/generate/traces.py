@@ -22,7 +22,6 @@ from cross_check.generate.values import (
 )
 from cross_check.letters import answers
 from rvaft.backend import Observed
-from rvaft.core.feasibility import Fewest, fewest_events
 from rvaft.core.precedence import Edge, Point, Precedence, edges_along, node_of, path, point_of, precedence
 from rvaft.core.property import (
     AtLeast,
@@ -38,7 +37,7 @@ from rvaft.core.property import (
     fewest,
 )
 from rvaft.core.restriction import property_of
-from rvaft.core.scenarios import is_constant
+from rvaft.core.scenarios import Fewest, fewest_events, is_constant
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.guards import holds, time_points, variables

@@ -37,8 +37,7 @@ from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Some
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
-from rvaft.rules.loading import loads
-from rvaft.rules.validity import require_valid
+from rvaft.rules.validity import loads, require_valid
 
 DECLARED: Final = loads("""
 n0;

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, assert_never
 
 from rvaft.core.feasibility import ScenarioSpace
-from rvaft.core.passes import expand_times, order_ends
+from rvaft.core.passes import expand_times
 from rvaft.core.property import (
     All,
     AtLeast,
@@ -20,6 +20,7 @@ from rvaft.core.property import (
     WithoutEvent,
 )
 from rvaft.core.scenarios import Scenario, most_events, scenarios
+from rvaft.core.time_order import order_ends
 from rvaft.errors import TooLarge
 from rvaft.language.draft import Draft
 from rvaft.model.expressions import without_text

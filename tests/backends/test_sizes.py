@@ -14,8 +14,8 @@ from cross_check.generate.trees import PLAIN, VARIABLE_FREE, random_tree
 from rvaft import RVAFT, Causality, Gate, Node, Semantics, TooLarge, TreeError, dumps, loads
 from rvaft.backend import backend
 from rvaft.core.build import build
-from rvaft.core.passes import order_ends
 from rvaft.core.property import parts_below
+from rvaft.core.time_order import order_ends
 from tests.backends.texts import flat, needs_spot, signs, tree
 from tests.tables import rows, sampled
 

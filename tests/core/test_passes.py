@@ -9,7 +9,7 @@ import pytest
 from cross_check.generate.traces import NoTraceFound, guided, random_trace
 from cross_check.generate.trees import random_tree
 from rvaft import RVAFT, Kind, Semantics, TooLarge, TreeError
-from rvaft.core import passes
+from rvaft.core import passes, time_order
 from rvaft.core.branches import branches
 from rvaft.core.property import Property
 from rvaft.core.restriction import property_of, restrict
@@ -21,10 +21,10 @@ from tests.engine.dense import WILD, tree_of
 CHAINS = {
     "build": (),
     "expand_times": (passes.expand_times,),
-    "order_ends": (passes.order_ends,),
-    "windows_to_guards": (passes.windows_to_guards,),
-    "simplify": (passes.windows_to_guards, passes.simplify),
-    "flatten": (passes.windows_to_guards, passes.simplify, passes.flatten),
+    "order_ends": (time_order.order_ends,),
+    "windows_to_guards": (time_order.windows_to_guards,),
+    "simplify": (time_order.windows_to_guards, passes.simplify),
+    "flatten": (time_order.windows_to_guards, passes.simplify, passes.flatten),
 }
 """The passes in the orders in which they are used."""
 

@@ -10,11 +10,11 @@ import pytest
 
 from rvaft import RVAFT, TooLarge
 from rvaft.core.build import build
-from rvaft.core.feasibility import Resolutions, ScenarioSpace, fewest_events, inevitable, most_scenarios
+from rvaft.core.feasibility import Resolutions, ScenarioSpace, inevitable
 from rvaft.core.precedence import Edge, path, precedence, standstill
 from rvaft.core.property import EndInOrder, Property, Source
 from rvaft.core.restriction import restrict_property
-from rvaft.core.scenarios import resolutions
+from rvaft.core.scenarios import fewest_events, most_scenarios, resolutions
 from rvaft.core.scenarios import scenarios as of_property
 from rvaft.model.guards import holds, variables
 from rvaft.model.tree import find_cycle

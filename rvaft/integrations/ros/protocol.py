@@ -198,7 +198,7 @@ class MessageProtocol:
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a; a;")
-    >>> Protocol(tree).reply('{"event": "b"}', Session(tree))
+    >>> MessageProtocol(tree).reply('{"event": "b"}', Session(tree))
     {'event': 'b', 'verdict': 'currently_true'}
     """
 
@@ -292,7 +292,8 @@ def reply_of_all(
 
     >>> import rvaft
     >>> trees = {name: rvaft.loads(f"top and {name}; {name};") for name in "ab"}
-    >>> protocols, sessions = ({name: of(tree) for name, tree in trees.items()} for of in (Protocol, Session))
+    >>> protocols = {name: MessageProtocol(tree) for name, tree in trees.items()}
+    >>> sessions = {name: Session(tree) for name, tree in trees.items()}
     >>> found = reply_of_all(protocols, '{"event": "a"}', sessions)
     >>> found["verdict"], {name: told["verdict"] for name, told in found["trees"].items()}
     ('currently_false', {'a': False, 'b': 'currently_true'})

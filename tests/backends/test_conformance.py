@@ -101,8 +101,8 @@ REQUIRED: dict[str, Required] = {name: required(name) for name in NEEDED}
 
 EXAMPLES = tuple(examples())
 ROWS = tuple(conformance.rows())
-SAMPLE = (*ROWS[::2], *[one for one in EXAMPLES if not one.detects][::24])
-"""Every second operator and construct, and a few other examples."""
+SAMPLE = (*ROWS[::3], *[one for one in EXAMPLES if not one.detects][::36])
+"""Every third operator and construct, and a few other examples."""
 MOST = (*ROWS, *[one for one in EXAMPLES if not one.detects][::4])
 """Each operator and each construct, and every fourth other example."""
 
@@ -145,7 +145,7 @@ def test_random_trees(translator: Backend, shape: str, count: int) -> None:
 @pytest.mark.parametrize(
     ("of_trees", "of_semantics"),
     [
-        pytest.param(3, 0, marks=pytest.mark.sample),
+        pytest.param(5, 0, marks=pytest.mark.sample),
         pytest.param(1, 3, marks=pytest.mark.ci),
         pytest.param(1, 1, marks=pytest.mark.slow),
     ],

@@ -11,8 +11,7 @@ import pytest
 
 from rvaft import Semantics
 from rvaft.readers import json_blocks
-from rvaft.stream import run as run_module
-from rvaft.stream import sources
+from rvaft.stream import batch_steps, sources
 from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import TREES, lines, run
 from tests.tables import sampled
@@ -32,7 +31,7 @@ OPTIONS = [
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(json_blocks, "SIZE", 900)
     monkeypatch.setattr(sources, "BLOCK", 7)
-    monkeypatch.setattr(run_module, "FEW", 4)
+    monkeypatch.setattr(batch_steps, "FEW", 4)
 
 
 def answers(monkeypatch: pytest.MonkeyPatch, *args: object) -> tuple[int, str, str]:

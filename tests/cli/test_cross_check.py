@@ -45,6 +45,7 @@ def compared(folder: Path, *args: object) -> tuple[Result, list[dict[str, Any]]]
     return result, json.loads((folder / "out.json").read_text())["results"]
 
 
+@pytest.mark.ci
 @pytest.mark.spot
 @pytest.mark.skipif(not HAS_SPOT, reason="needs Spot")
 def test_what_is_proved(sand: Path, tmp_path: Path) -> None:

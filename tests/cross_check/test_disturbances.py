@@ -195,6 +195,7 @@ def test_near_misses_are_one_edit_from_a_trace_that_detects_at_its_last_event(sh
     assert made > 1
 
 
+@pytest.mark.ci
 def test_near_misses_of_every_kind_that_can_matter() -> None:
     edits = Counter(near_miss(Random(seed), TREE, Semantics.STRICT).edit for seed in range(90))
     assert set(edits) == set(Disturbance) - {Disturbance.NUMBER, Disturbance.SPELLING}

@@ -524,6 +524,7 @@ def test_random_trees_and_mistakes(language: str, seed: int) -> None:
     assert statuses[True, 1] == 0
 
 
+@pytest.mark.ci
 @built
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_most_random_trees_without_variables_are_certified(language: str) -> None:

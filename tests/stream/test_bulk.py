@@ -57,6 +57,7 @@ def log_of(name: str, random: Random) -> list[dict[str, Any]]:
     return [{"time": number, **event} for number, event in enumerate(events[:400])]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", sampled(shipped.names(), 5, ci=2))
 def test_shipped_trees(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     random, log = Random(name), tmp_path / "log.jsonl"
@@ -80,6 +81,7 @@ def test_long_logs(options: list[str], semantics: Semantics, tmp_path: Path, mon
     answers(monkeypatch, "coverage", tree, log, "--semantics", semantics)
 
 
+@pytest.mark.ci
 def test_logs_in_another_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tree, log, table = ignoring_tree(tmp_path), tmp_path / "log.jsonl", tmp_path / "log.csv"
     inspections(log, 200, readings=1)

@@ -373,7 +373,7 @@ KEYS_AND_ORDERS = [("u", None), ("u v", None), ("", "at"), ("u", "at"), ("u", "u
 
 @pytest.mark.parametrize(
     ("keys", "order", "semantics"),
-    sampled(((*one, semantics) for one, semantics in product(KEYS_AND_ORDERS, Semantics)), 3),
+    sampled(((*one, semantics) for one, semantics in product(KEYS_AND_ORDERS, Semantics)), 7),
 )
 def test_keys_and_orders_are_the_same_however_they_are_read(keys: str, order: str | None, semantics: Semantics) -> None:
     random = Random(f"{keys} {order} {semantics}")
@@ -524,6 +524,7 @@ WRITTEN: Final[dict[str, list[Callable[[int], Any]]]] = {
 """Ways to write a time of some seconds, of which some are unreadable, or fall where the seconds rise."""
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     ("form", "late", "repeat"), sampled(product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True]), 5)
 )

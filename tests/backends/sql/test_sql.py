@@ -200,6 +200,7 @@ SHIFTED = {
 }
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
 @pytest.mark.parametrize("fault", sampled(SHIFTED, 4))
 def test_a_wrong_absence_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,10 +13,10 @@ from backends.automaton.partial_matches import PartialMatches
 from backends.automaton.structure import Structure, structure
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times
+from rvaft.core.passes import Pass
 from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
 from rvaft.core.residual import ResidualSpace
-from rvaft.core.time_order import bind_times, order_ends, windows_to_guards
+from rvaft.core.time_order import GUARDED_EVENTS
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
@@ -48,7 +48,7 @@ class AutomatonBackend(Backend):
     remark_line: ClassVar[int] = 1
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
     says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, WithoutEvent}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
+    passes: ClassVar[tuple[Pass, ...]] = GUARDED_EVENTS
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM, Value.SOME_VARIABLE}

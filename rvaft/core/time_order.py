@@ -340,6 +340,8 @@ bind_times: Final = Pass("bind_times", frozenset(), _bind_times)
 
 It follows `windows_to_guards`. A property without used times loses its `time`.
 """
+GUARDED_EVENTS: Final = (expand_times, order_ends, windows_to_guards, bind_times)
+"""The passes to events, guards over their variables, sequences and choices."""
 
 
 def reduced(prop: Property, limit: int = LIMIT) -> Property:

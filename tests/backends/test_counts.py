@@ -103,8 +103,8 @@ def test_counted_leaves_of_random_trees(name: str, count: int) -> None:
         seen.update(
             {"detected": any(wanted), "one row": any(one in specification.text for one in ("count_1", "prev("))}
         )
-    assert seen["detected"] > count // 5
-    assert seen["one row"] > count // 5
+    assert seen["detected"] >= count // 5
+    assert seen["one row"] >= count // 5
 
 
 DISTINCT: Final = "f on a(U, V, _) times 3 distinct V;"

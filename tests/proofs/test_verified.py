@@ -70,7 +70,7 @@ def test_the_rows_of_the_definition(case: Case) -> None:
 
 
 @pytest.mark.ci
-@pytest.mark.parametrize(("number", "semantics"), sampled(((n, s) for n in range(12) for s in Semantics), 23, ci=3))
+@pytest.mark.parametrize(("number", "semantics"), sampled(((n, s) for n in range(12) for s in Semantics), 23, ci=7))
 def test_the_trees_of_the_conformance_suite_and_of_the_catalogue(number: int, semantics: Semantics) -> None:
     compared_events = detected = 0
     entries: list[tuple[RVAFT, int | None, Kind | None]] = [(one.tree, None, None) for one in examples()]

@@ -526,7 +526,7 @@ WRITTEN: Final[dict[str, list[Callable[[int], Any]]]] = {
 
 @pytest.mark.ci
 @pytest.mark.parametrize(
-    ("form", "late", "repeat"), sampled(product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True]), 5)
+    ("form", "late", "repeat"), sampled(product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True]), 5, ci=2)
 )
 def test_times_that_rise_are_taken_at_once(form: str, late: str, repeat: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch_steps, "FEW", 2)

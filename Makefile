@@ -98,7 +98,7 @@ bare: $(STAMP)
 	@folder=$$(mktemp -d); trap 'rm -rf "$$folder"' EXIT; \
 	for program in sh make sleep; do ln -s "$$(command -v $$program)" "$$folder/$$program"; done; \
 	ln -s "$(CURDIR)/$(BIN)/python" "$$folder/python3"; \
-	PATH=$$folder $(BIN)/python -m pytest -q $(PROGRAMS)
+	PATH=$$folder $(BIN)/python -m pytest -q -m "not slow and not ci" $(PROGRAMS)
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

@@ -4,7 +4,7 @@ from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from typing import NamedTuple, Self, assert_never
 
 from rvaft.backend import Observed
-from rvaft.core.property import Event, Part, Property, Without, with_parts
+from rvaft.core.property import Event, Part, Property, WithoutEvent, with_parts
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, Reason, unwritten
 from rvaft.model.guards import variables
@@ -12,7 +12,7 @@ from rvaft.model.nodes import Side
 from rvaft.model.verdict import Semantics
 
 
-def clauses_of(scenario: Scenario) -> dict[Event, tuple[Without, ...]]:
+def clauses_of(scenario: Scenario) -> dict[Event, tuple[WithoutEvent, ...]]:
     """Return, for each event of a scenario, the clauses whose part has it, in a stable order.
 
     >>> from rvaft import loads
@@ -23,21 +23,21 @@ def clauses_of(scenario: Scenario) -> dict[Event, tuple[Without, ...]]:
     >>> [(event.source.node, len(some)) for event, some in clauses_of(scenario).items()]
     [('a', 0), ('b', 1), ('c', 1)]
     """
-    found: dict[Event, tuple[Without, ...]] = dict.fromkeys(scenario.events, ())
+    found: dict[Event, tuple[WithoutEvent, ...]] = dict.fromkeys(scenario.events, ())
     for clause, part in scenario.absences:
         for event in part:
             found[event] += (clause,)
     return found
 
 
-def gaps(clauses: Sequence[Iterable[Without]]) -> list[list[Without]]:
+def gaps(clauses: Sequence[Iterable[WithoutEvent]]) -> list[list[WithoutEvent]]:
     """Return, for each event of an order, the clauses that no event between the previous one and it
     breaks; for the first one, those that no earlier event does.
 
     `clauses` has those whose part has the event. Clauses with durations are not considered.
     """
-    found: list[list[Without]] = [[] for _ in clauses]
-    places: dict[Without, list[int]] = {}
+    found: list[list[WithoutEvent]] = [[] for _ in clauses]
+    places: dict[WithoutEvent, list[int]] = {}
     for place, some in enumerate(clauses):
         for clause in some:
             places.setdefault(clause, []).append(place)
@@ -66,11 +66,11 @@ def refuse(prop: Property, reasons: Mapping[str, Reason]) -> None:
                 raise NotExpressible(reasons[name], nodes=[clause.source.node])
 
 
-def without_absences(prop: Property, dropped: Callable[[Without], bool]) -> Property:
+def without_absences(prop: Property, dropped: Callable[[WithoutEvent], bool]) -> Property:
     """Return the property without these clauses."""
 
     def change(part: Part, parts: tuple[Part, ...]) -> Part:
-        return parts[0] if isinstance(part, Without) and dropped(part) else with_parts(part, parts)
+        return parts[0] if isinstance(part, WithoutEvent) and dropped(part) else with_parts(part, parts)
 
     return prop.rewritten(change) if any(map(dropped, prop.absences)) else prop
 
@@ -82,7 +82,7 @@ def without_vacuous(prop: Property, semantics: Semantics) -> Property:
     return without_absences(prop, lambda one: semantics is Semantics.STRICT and one.duration is None)
 
 
-def breaking_event(clause: Without) -> Observed:
+def breaking_event(clause: WithoutEvent) -> Observed:
     """Return what breaks a clause, with its own variables as those of one event."""
     return Observed(clause.pattern, clause.guard).untied(sorted(clause.own))
 
@@ -90,24 +90,24 @@ def breaking_event(clause: Without) -> Observed:
 class OpenClauses(NamedTuple):
     """The events of the clauses of one scenario, as bits of `scenario.events`."""
 
-    parts: tuple[tuple[Without, int], ...]
+    parts: tuple[tuple[WithoutEvent, int], ...]
 
     @classmethod
     def of(cls, scenario: Scenario) -> Self:
         """Return the clauses of a scenario, in a stable order."""
-        masks: dict[Without, int] = {}
+        masks: dict[WithoutEvent, int] = {}
         clauses = clauses_of(scenario)
         for place, event in enumerate(scenario.events):
             for clause in clauses[event]:
                 masks[clause] = masks.get(clause, 0) | 1 << place
         return cls(tuple(masks.items()))
 
-    def after(self, done: int) -> list[Without]:
+    def after(self, done: int) -> list[WithoutEvent]:
         """Return the clauses without a duration that an event can break when these events of a match are there."""
         return [clause for clause, mask in self.parts if _is_open(clause, mask, done)]
 
 
-def _is_open(clause: Without, mask: int, done: int) -> bool:
+def _is_open(clause: WithoutEvent, mask: int, done: int) -> bool:
     """Return whether an event can break a clause of these events."""
     match clause.side:
         case Side.DURING:

@@ -19,7 +19,7 @@ from rvaft.core.conditions import (
 )
 from rvaft.errors import NotExpressible, Reason
 from rvaft.model.assumptions import Declared
-from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, Sort, variables
+from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, TermSort, variables
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.values import Json, is_finite
 
@@ -27,7 +27,7 @@ FieldPath: TypeAlias = tuple[str | int, ...]
 """Path to a value, outermost first: field names and list indices."""
 
 
-class Lack(Enum):
+class DialectTest(Enum):
     """Tests that a dialect may lack."""
 
     TWO_FIELDS = "whether two fields are equal"
@@ -45,7 +45,7 @@ class FieldConditions(ABC):
     >>> from rvaft.errors import unwritten
     >>> class Dialect(FieldConditions):
     ...     exists, equals, differs, is_truth = "has {p}", "{p} = {v}", "{p} != {v}", "{p} = {v}"
-    ...     reasons = {Lack.CALCULATION: unwritten("it calculates nothing")}
+    ...     reasons = {DialectTest.CALCULATION: unwritten("it calculates nothing")}
     ...     def path(self, way): return ".".join(map(str, way))
     ...     def literal(self, value): return repr(value)
     >>> from rvaft.language.parser import parse_guard, parse_pattern
@@ -75,7 +75,7 @@ class FieldConditions(ABC):
     """`denied` for a string that is assumed to be there, if it is simpler."""
     comparing_asks: ClassVar[bool] = False
     """Whether a comparison implies that the field exists."""
-    reasons: ClassVar[Mapping[Lack, Reason]]
+    reasons: ClassVar[Mapping[DialectTest, Reason]]
     declared: Declared = Declared()
     """What the log is assumed to keep for the event of the condition."""
     _ways: dict[str, FieldPath]
@@ -89,7 +89,7 @@ class FieldConditions(ABC):
     def literal(self, value: Json) -> str:
         """Return a constant in the language; raises `NotExpressible`."""
 
-    def lacks(self, what: Lack) -> NotExpressible:
+    def lacks(self, what: DialectTest) -> NotExpressible:
         """Return the refusal for a missing test."""
         return NotExpressible(self.reasons[what])
 
@@ -121,7 +121,7 @@ class FieldConditions(ABC):
         """
         match pattern:
             case Variable(name) if name in paths:
-                raise self.lacks(Lack.TWO_FIELDS)
+                raise self.lacks(DialectTest.TWO_FIELDS)
             case Variable() | Anything():
                 name = pattern.name if isinstance(pattern, Variable) else ""
                 if name:
@@ -138,7 +138,7 @@ class FieldConditions(ABC):
                 for place, inner in enumerate(items):
                     yield from self._tests(inner, (*way, place), paths)
             case ObjectPattern() | ListPattern() | SomeItem():
-                raise self.lacks(Lack.CONTAINER)
+                raise self.lacks(DialectTest.CONTAINER)
 
     def guard(self, guard: Guard, paths: Mapping[str, str]) -> str:
         """Return a condition that is true exactly when the guard holds."""
@@ -175,19 +175,19 @@ class FieldConditions(ABC):
                 assert mirrored is not None, "the sign of a comparison"
                 return self.test(ComparisonTest(sort, right, mirrored.value, left), paths)
             case TruthTest() | EqualityTest() | ComparisonTest() | SortTest():
-                raise self.lacks(Lack.CALCULATION)
+                raise self.lacks(DialectTest.CALCULATION)
 
     def _is_plain(self, name: str, value: Json) -> bool:
         """Whether a variable is assumed to have a value of the sort of another value."""
         way = self._ways[name]
         sort = self.declared.sort_of(way)
-        known = sort is not Sort.UNKNOWN and sort is TruthConditions().sort(Literal(value))
+        known = sort is not TermSort.UNKNOWN and sort is TruthConditions().sort(Literal(value))
         return known and way in self.declared.present
 
     def function(self, operator: Operator, path: str, text: str, *, wanted: bool) -> str:
         """Return a test that a function of the string at a path and a constant equals `wanted`."""
         if operator not in self.functions:
-            raise self.lacks(Lack.CALCULATION)
+            raise self.lacks(DialectTest.CALCULATION)
         found = self.functions[operator].format(p=path, v=self.literal(text))
         return found if wanted else self.denied.format(t=found, p=path)
 

@@ -9,7 +9,7 @@ from typing import Final, TypeAlias, TypeVar
 from backends.tables import Path
 from rvaft.core.branches import branches, number_of
 from rvaft.core.overlaps import compatible
-from rvaft.core.property import Event, Kept, One, Property, Without
+from rvaft.core.property import Event, Kept, One, Property, WithoutEvent
 from rvaft.core.scenarios import scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge
@@ -51,7 +51,7 @@ class JoinedScenario:
     branch: int
     before: Mapping[Event, frozenset[Event]]
     guards: tuple[Guard, ...]
-    absences: tuple[tuple[Without, tuple[Event, ...]], ...] = ()
+    absences: tuple[tuple[WithoutEvent, tuple[Event, ...]], ...] = ()
     counts_of: Mapping[Event, CountedEvents] = field(default_factory=dict)
     """The leaves that are one row, by the last event; the events between the first and the last are left out."""
 

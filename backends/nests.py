@@ -25,7 +25,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
-    Without,
+    WithoutEvent,
     parts_below,
 )
 from rvaft.errors import TooLarge, TreeError
@@ -215,7 +215,7 @@ class Nesting:
                     inner = [set[object]().union(*inner)]
                 case All():
                     inner.append({name for guard in self._foreign(part) for name in variables(guard)})
-                case AtLeast() | Sequence() | Within() | Without():
+                case AtLeast() | Sequence() | Within() | WithoutEvent():
                     pass
                 case Times() | EndInOrder():
                     raise AssertionError("passes remove these before")
@@ -277,7 +277,7 @@ class Nesting:
                 return joined(PartKind.AT_LEAST, [self._nest(one, ()) for one in part.parts], need)
             case Within(parts=(whole,), duration=duration):
                 return self._nest(whole, guards).during(duration)
-            case Within() | Times() | EndInOrder() | Without():
+            case Within() | Times() | EndInOrder() | WithoutEvent():
                 raise AssertionError("passes remove these before")
             case _:
                 assert_never(part)

@@ -20,8 +20,7 @@ from rvaft.model.guards import walk as guard_walk
 from rvaft.model.nodes import Causality, Gate, Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.rules.loading import loads
-from rvaft.rules.validity import require_valid
+from rvaft.rules.validity import loads, require_valid
 from rvaft.support.processes import Killed, in_processes
 
 # The catalogue of a run without arguments, in code so that installed packages contain it. Under all

@@ -42,7 +42,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json, is_finite
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.readers.json_lines import read
-from rvaft.rules.loading import load as load_tree
+from rvaft.rules.validity import load as load_tree
 from rvaft.support.files import opened_within
 from rvaft.support.terminal import visible
 

@@ -16,9 +16,8 @@ from cross_check.letters import ties
 from cross_check.results import Status
 from rvaft.backend import Backend, Match, Observed, Specification, all_backends, backend, speaking
 from rvaft.core.build import build
-from rvaft.core.feasibility import most_scenarios
 from rvaft.core.restriction import property_of, restrict
-from rvaft.core.scenarios import LIMIT
+from rvaft.core.scenarios import LIMIT, most_scenarios
 from rvaft.engine import Engine
 from rvaft.errors import LanguageError, OptionError, RvaftError, TooLarge, ToolFailed, ToolMissing
 from rvaft.language.printer import dumps
@@ -44,7 +43,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import DetectionMonitor, FirstDetections, LeftOpen, Monitor
-from rvaft.rules.loading import loads
+from rvaft.rules.validity import loads
 from rvaft.semantics import Reference
 from rvaft.semantics.reference import Partial
 from rvaft.support.budget import Budget

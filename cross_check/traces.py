@@ -16,8 +16,8 @@ from cross_check.letters import Letters, letters, with_twins
 from cross_check.participants import Participant, literals, times_matter
 from cross_check.results import Job
 from rvaft.backend import Observed
-from rvaft.core.feasibility import fewest_events
 from rvaft.core.restriction import property_of
+from rvaft.core.scenarios import fewest_events
 from rvaft.errors import TooLarge
 from rvaft.model.patterns import Anything
 from rvaft.model.tree import RVAFT

@@ -42,9 +42,8 @@ from rvaft.monitors import (
     Pending,
     Repetition,
 )
-from rvaft.rules.loading import load, loads
 from rvaft.rules.rule import Finding, Severity
-from rvaft.rules.validity import valid_part
+from rvaft.rules.validity import load, loads, valid_part
 
 if TYPE_CHECKING:
     from rvaft.diagnosis.near_misses import NearMisses

@@ -26,7 +26,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
-    Without,
+    WithoutEvent,
 )
 from rvaft.core.scenarios import most_events, resolutions
 from rvaft.errors import Cause, NotExpressible, Reason, TooLarge, unwritten
@@ -116,7 +116,7 @@ _CONSTRUCTS: Final[Mapping[type[Part], str]] = {
     AtLeast: "votes (k-of-n)",
     EndInOrder: "parts that end in order (`pand`)",
     Within: "windows (`within`)",
-    Without: "absent events (`without`)",
+    WithoutEvent: "absent events (`without`)",
 }
 assert set(_CONSTRUCTS) == set(PARTS)
 
@@ -219,7 +219,7 @@ def check(
         reason = capabilities.unassumed(need, missing) if missing else capabilities.reason(need)
         if need is Value.NULL and not (_demands_null(prop) and _has_one_scenario(prop)):
             reason = unwritten(reason.text)  # a guard, or another scenario, may leave no null to tell apart
-        if need is Without and not (_breaks_matches(prop) and _has_one_scenario(prop)):
+        if need is WithoutEvent and not (_breaks_matches(prop) and _has_one_scenario(prop)):
             reason = unwritten(reason.text)  # the tree may say the same without them
         raise NotExpressible(reason, nodes=[node for node in nodes if node])
     if capabilities.ties is Ties.NONE and (tie := _tied(prop, semantics)) is not None:
@@ -278,7 +278,7 @@ def _needs(prop: Property, semantics: Semantics) -> Iterator[tuple[Capability, s
             yield from ((value, node) for value in _values(part.pattern))
         if isinstance(part, Times) and part.own:
             yield Feature.OWN_VALUES, node
-        if isinstance(part, Without):
+        if isinstance(part, WithoutEvent):
             yield from ((need, node) for need in (*_values(part.pattern), *_of_guard(part.guard)))
         if isinstance(part, Condition):
             yield from ((need, node) for need in _of_guard(part.guard))

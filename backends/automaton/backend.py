@@ -13,9 +13,10 @@ from backends.automaton.partial_matches import PartialMatches
 from backends.automaton.structure import Structure, structure
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property, Within, Without
+from rvaft.core.passes import Pass
+from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
 from rvaft.core.residual import ResidualSpace
+from rvaft.core.time_order import GUARDED_EVENTS
 from rvaft.errors import NotExpressible, TooLarge, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
@@ -46,8 +47,8 @@ class AutomatonBackend(Backend):
     remark: ClassVar[str] = "/* {} */\n"
     remark_line: ClassVar[int] = 1
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, WithoutEvent}
+    passes: ClassVar[tuple[Pass, ...]] = GUARDED_EVENTS
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM, Value.SOME_VARIABLE}

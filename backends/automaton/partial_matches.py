@@ -10,7 +10,7 @@ from functools import cache
 from backends.absences import OpenClauses, breaking_event, require_unbroken
 from rvaft.core.overlaps import overlaps
 from rvaft.core.precedence import Ready
-from rvaft.core.property import Event, Property, Without
+from rvaft.core.property import Event, Property, WithoutEvent
 from rvaft.core.residual import Move, Residual
 from rvaft.core.scenarios import Scenario, scenarios
 from rvaft.model.guards import Guard, variables
@@ -67,7 +67,7 @@ class PartialMatches:
         """Return the atoms that break a partial match."""
         return mask_of(self._atoms[breaking_event(clause).pattern] for clause in self._open(left))
 
-    def _open(self, left: Residual) -> list[Without]:
+    def _open(self, left: Residual) -> list[WithoutEvent]:
         return self._clauses[left.start].after(_all(self._of[left.start]) & ~left.open)
 
     def dominates(self, one: Residual, other: Residual) -> bool:

@@ -106,7 +106,7 @@ def written(condition: Condition) -> str:
 
     >>> import rvaft
     >>> from rvaft.core.build import build
-    >>> from rvaft.core.passes import windows_to_guards
+    >>> from rvaft.core.time_order import windows_to_guards
     >>> prop = windows_to_guards(build(rvaft.loads("time t as s; top sand a b within 90 s;")))
     >>> written(prop.root.parts[-1])
     'top within 90 s'

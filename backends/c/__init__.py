@@ -21,7 +21,7 @@ from backends.c.observed_tests import observed
 from backends.c.translation import translation
 from rvaft.backend import Backend, Metrics, Observed, SpecificationText
 from rvaft.capabilities import GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.property import Condition, EndInOrder, Part, Property, Times, Within, Without
+from rvaft.core.property import Condition, EndInOrder, Part, Property, Times, Within, WithoutEvent
 from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.guards import Guard, Operator
 from rvaft.model.patterns import Pattern
@@ -45,7 +45,7 @@ class CBackend(Backend):
     executes: ClassVar[bool] = True
     remark: ClassVar[str] = "/* {} */\n"
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, EndInOrder, Times, Within, Without}
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, EndInOrder, Times, Within, WithoutEvent}
     operators: ClassVar[frozenset[Operator]] = OPERATORS
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES

@@ -32,7 +32,7 @@ EventPlace: TypeAlias = tuple[int, int, int]
 """An event of a log: its number, its line, and the offset of the line in bytes."""
 
 
-class _Place(ctypes.Structure):
+class _EventPlace(ctypes.Structure):
     _fields_ = [("number", ctypes.c_uint64), ("line", ctypes.c_uint64), ("offset", ctypes.c_uint64)]
 
 
@@ -145,7 +145,7 @@ class NativeLog:
             if head.verdict < 0:
                 self.failed, self.failure = head.number, self._why()
             elif head.taken:
-                places = (_Place * head.taken).from_buffer(self._state, ctypes.sizeof(_Head))
+                places = (_EventPlace * head.taken).from_buffer(self._state, ctypes.sizeof(_Head))
                 yield [(one.number, one.line, one.offset) for one in places]
 
     @property
@@ -156,7 +156,7 @@ class NativeLog:
 
     def group_counts(self) -> Iterator[tuple[int, Sequence[EventPlace]]]:
         """Yield the number of events of each group, and the places of the first ones."""
-        places = (_Place * _FIRST)()
+        places = (_EventPlace * _FIRST)()
         for number in range(self._functions.rvaft_log_groups(self._address)):
             total = self._functions.rvaft_log_group(self._address, number, places)
             yield total, [(one.number, one.line, one.offset) for one in places[: min(total, _FIRST)]]
@@ -166,7 +166,7 @@ class NativeLog:
 
         The number comes with the place of the first event. Keys that were forgotten are left out.
         """
-        place, found = _Place(), list[tuple[int, EventPlace]]()
+        place, found = _EventPlace(), list[tuple[int, EventPlace]]()
         keys = self._functions.rvaft_log_keys(self._address)
         for number in range(keys + 1):
             total = self._functions.rvaft_log_key(self._address, number, ctypes.byref(place))

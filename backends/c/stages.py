@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 
 from rvaft.core.overlaps import compatible
 from rvaft.core.precedence import Ready
-from rvaft.core.property import Event, Part, Property, Without
+from rvaft.core.property import Event, Part, Property, WithoutEvent
 from rvaft.core.scenarios import Scenario, scenarios
 from rvaft.core.times import Extreme, TimeDifference, differences
 from rvaft.errors import NotExpressible, TooLarge, unwritten
@@ -213,7 +213,7 @@ class _Decided(NamedTuple):
 class _Clause(NamedTuple):
     """An absent event with the events of its part as bits; `end` is the end of the part."""
 
-    part: Without
+    part: WithoutEvent
     events: int
     end: Slot
 
@@ -441,7 +441,7 @@ def _clauses(scenario: Scenario) -> list[_Clause]:
                 inside[part] |= inside[inner]
     made = []
     for part in scenario.kept:
-        if isinstance(part, Without):
+        if isinstance(part, WithoutEvent):
             names = tuple(TimePoint.of("at", *scenario.events[event].source).name for event in bits(inside[part]))
             end = Slot(names, Operator.MAX if len(names) > 1 else None, timed=True)
             if part.side is not Side.DURING or len(names) > 1:
@@ -466,7 +466,7 @@ def _require_written(clause: _Clause, late: int | None, *, lasting: bool) -> Non
             )
 
 
-def _node(part: Without) -> tuple[str, ...]:
+def _node(part: WithoutEvent) -> tuple[str, ...]:
     return () if part.source is None else (part.source.node,)
 
 

@@ -5,8 +5,9 @@ from backends.c.stage_text import StageWriter
 from backends.c.stages import StageTable, TableStage, stages_of
 from backends.c.unit_tables import UnitTables, tables_of
 from backends.c.unit_text import FrontWriter, UnitWriter
-from rvaft.core.passes import Pass, decide_constants, expand_times, order_ends, simplify, windows_to_guards
+from rvaft.core.passes import Pass, decide_constants, expand_times, simplify
 from rvaft.core.property import Property
+from rvaft.core.time_order import order_ends, windows_to_guards
 from rvaft.core.units import units
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.nodes import Side

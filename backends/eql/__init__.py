@@ -13,8 +13,9 @@ from backends.eql.reader import compiled, with_time
 from backends.eql.translation import NO_NULL, EqlText
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends
-from rvaft.core.property import Condition, Part, Property, Within, Without
+from rvaft.core.passes import Pass, expand_times
+from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import order_ends
 from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
@@ -52,7 +53,7 @@ class EqlBackend(Backend):
     extra: ClassVar[str] = "eql"
     modules: ClassVar[tuple[str, ...]] = ("eql",)
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within, Without}
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within, WithoutEvent}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
     operators: ClassVar[frozenset[Operator]] = (
         LOGICAL | COMPARING | {Operator.STARTSWITH, Operator.ENDSWITH, Operator.CONTAINS, Operator.LIKE}

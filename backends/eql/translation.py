@@ -12,10 +12,10 @@ from itertools import chain, groupby
 from typing import ClassVar, Final, NoReturn, cast
 
 from backends.absences import clauses_of
-from backends.field_conditions import FieldConditions, FieldPath, Lack
+from backends.field_conditions import DialectTest, FieldConditions, FieldPath
 from backends.orders import GuardedEvent, Orders, merged
 from rvaft.core.overlaps import overlaps
-from rvaft.core.property import Event, Part, Property, Within, Without
+from rvaft.core.property import Event, Part, Property, Within, WithoutEvent
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, Reason, TooLarge, cannot, naming, unwritten
 from rvaft.model.assumptions import Declared, declared
@@ -155,7 +155,7 @@ class EqlText:
             for event in scenario.events
         }
 
-    def _single(self, scenario: Scenario, before: Iterable[tuple[Without, Sequence[Event]]]) -> tuple[Event]:
+    def _single(self, scenario: Scenario, before: Iterable[tuple[WithoutEvent, Sequence[Event]]]) -> tuple[Event]:
         """Return the only event of a scenario with clauses that all are `for D before`."""
         for clause, _ in before:
             if clause.side is not Side.BEFORE:
@@ -169,7 +169,7 @@ class EqlText:
                 self._refuse(clause.source.node, "a missing event needs a `maxspan`, and this one has no duration")
         return (scenario.events[0],)
 
-    def _before(self, event: Event, paths: Mapping[str, str], clauses: Sequence[Without]) -> Item:
+    def _before(self, event: Event, paths: Mapping[str, str], clauses: Sequence[WithoutEvent]) -> Item:
         """Return the event that is missing before another one."""
         found = list[Item]()
         for clause in clauses:
@@ -259,16 +259,16 @@ class EqlConditions(FieldConditions):
     }
     denied = '(not {t} and stringContains({p}, ""))'
     plainly_differs, plainly_denied = "{p} != {v}", "not {t}"
-    reasons: ClassVar[Mapping[Lack, Reason]] = {
-        Lack.TWO_FIELDS: unwritten("a condition is written as a field and a constant, not as two fields"),
-        Lack.CONTAINER: unwritten("EQL does not distinguish an empty object from an empty list"),
-        Lack.CALCULATION: unwritten("a condition is written as a field and a constant"),
-        Lack.NULL: NO_NULL,
-        Lack.SURROGATE: unwritten("an EQL string cannot contain half of a surrogate pair"),
-        Lack.TEXT_FUNCTION: unwritten(
+    reasons: ClassVar[Mapping[DialectTest, Reason]] = {
+        DialectTest.TWO_FIELDS: unwritten("a condition is written as a field and a constant, not as two fields"),
+        DialectTest.CONTAINER: unwritten("EQL does not distinguish an empty object from an empty list"),
+        DialectTest.CALCULATION: unwritten("a condition is written as a field and a constant"),
+        DialectTest.NULL: NO_NULL,
+        DialectTest.SURROGATE: unwritten("an EQL string cannot contain half of a surrogate pair"),
+        DialectTest.TEXT_FUNCTION: unwritten(
             "`like` is written for a prefix, a suffix or a part of a text alone: `a*`, `*a`, `*a*`"
         ),
-        Lack.FIELD_NAME: unwritten("an EQL field name needs a character, and cannot contain a line break or `"),
+        DialectTest.FIELD_NAME: unwritten("an EQL field name needs a character, and cannot contain a line break or `"),
     }
 
     def __init__(self, spend: Callable[[int], None]) -> None:
@@ -282,7 +282,7 @@ class EqlConditions(FieldConditions):
                 text += f"[{step}]"
                 continue
             if not step or has_surrogate(step) or not {*"`\r\n"}.isdisjoint(step):
-                raise self.lacks(Lack.FIELD_NAME)
+                raise self.lacks(DialectTest.FIELD_NAME)
             text += ("." if text else "") + (step if _PLAIN.fullmatch(step) else f"`{step}`")
         return text
 
@@ -290,12 +290,12 @@ class EqlConditions(FieldConditions):
         """Return a constant of EQL."""
         match value:
             case None:
-                raise self.lacks(Lack.NULL)
+                raise self.lacks(DialectTest.NULL)
             case bool():
                 return str(value).lower()
             case str():
                 if has_surrogate(value):
-                    raise self.lacks(Lack.SURROGATE)
+                    raise self.lacks(DialectTest.SURROGATE)
                 inner = escaped(value.translate(_ESCAPES), lambda one: rf"\u{{{ord(one):04x}}}")
                 return f'"{inner}"'
             case _:
@@ -307,7 +307,7 @@ class EqlConditions(FieldConditions):
             inner = text.strip("*")
             before, after = text.startswith("*"), text.endswith("*")
             if not (before or after) or not inner or "*" in inner or "?" in inner:
-                raise self.lacks(Lack.TEXT_FUNCTION)
+                raise self.lacks(DialectTest.TEXT_FUNCTION)
             both = Operator.CONTAINS if before else Operator.STARTSWITH
             operator, text = both if after else Operator.ENDSWITH, inner
         return super().function(operator, path, text, wanted=wanted)

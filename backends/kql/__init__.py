@@ -11,8 +11,9 @@ from backends.kql.translation import KqlQuery
 from backends.tables import ROWID, Table, with_time
 from rvaft.backend import Backend, Match, SpecificationText
 from rvaft.capabilities import COMPARING, EVERY_OPERATOR, GATES, LOGICAL, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property, Without
+from rvaft.core.passes import Pass
+from rvaft.core.property import Condition, Part, Property, WithoutEvent
+from rvaft.core.time_order import GUARDED_EVENTS
 from rvaft.errors import OptionError, Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
@@ -41,8 +42,8 @@ class KqlBackend(Backend):
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.SCATTERED})
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, WithoutEvent}
+    passes: ClassVar[tuple[Pass, ...]] = GUARDED_EVENTS
     operators: ClassVar[frozenset[Operator]] = (
         LOGICAL
         | COMPARING

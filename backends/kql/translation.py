@@ -30,7 +30,7 @@ from backends.joins import COUNTED, JoinedScenario, joined_scenarios, variable_p
 from backends.tables import Path, Table, TableHeader, column_types, time_line
 from rvaft.backend import Metrics
 from rvaft.core.overlaps import compatible
-from rvaft.core.property import AtLeast, Event, Property, Without, chooses
+from rvaft.core.property import AtLeast, Event, Property, WithoutEvent, chooses
 from rvaft.core.times import Extreme, differences, untimed
 from rvaft.errors import NotExpressible, TooLarge, TreeError, unwritten
 from rvaft.model.assumptions import places
@@ -383,7 +383,7 @@ class KqlQuery:
     def _of(self, part: Iterable[Event]) -> list[int]:
         return [self.number[event] for event in part]
 
-    def _breaking(self, one: JoinedScenario, clause: Without, part: Sequence[Event]) -> list[str]:
+    def _breaking(self, one: JoinedScenario, clause: WithoutEvent, part: Sequence[Event]) -> list[str]:
         """Return the conditions that an event breaks a clause, apart from keys and decisions."""
         row = self.absent[clause]
         first = [event for event in part if one.before[event].isdisjoint(part)]
@@ -428,16 +428,16 @@ class KqlQuery:
         return _several("max_of", [f"time_{number}" for number in self._of(part)])
 
     @staticmethod
-    def _guards(clause: Without, *, alone: bool) -> list[Guard]:
+    def _guards(clause: WithoutEvent, *, alone: bool) -> list[Guard]:
         """Return the conjuncts of a guard on the absent event alone, or the others."""
         names = variable_paths(clause.pattern).keys()
         return [guard for guard in conjuncts(clause.guard) if (names >= {*variables(guard)}) is alone]
 
-    def _is_key(self, one: JoinedScenario, clause: Without, name: str) -> bool:
+    def _is_key(self, one: JoinedScenario, clause: WithoutEvent, name: str) -> bool:
         type_ = self.types[variable_paths(clause.pattern)[name]]
         return type_ in _KEYS and self._terms(one)[name].type is type_
 
-    def _remove(self, found: _Steps, clause: Without, conditions: Iterable[str]) -> None:
+    def _remove(self, found: _Steps, clause: WithoutEvent, conditions: Iterable[str]) -> None:
         """Remove the matches that an event breaks."""
         row, one, first = self.absent[clause], found.scenario, found.first
         names = [name for name in rigid_variables(clause.pattern) if name not in clause.own]
@@ -462,7 +462,7 @@ class KqlQuery:
         removed = self._let("\n| ".join(broken), "broken_1")
         found.steps = [matched, f"join kind=leftanti {removed} on {same}"]
 
-    def _decide(self, found: _Steps, clause: Without, part: Sequence[Event], name: str) -> None:
+    def _decide(self, found: _Steps, clause: WithoutEvent, part: Sequence[Event], name: str) -> None:
         """Keep the matches whose clause is decided, with the position that decides it."""
         row, late = self.deciding, self.prop.tree.time.late if self.prop.tree.time is not None else None
         one, first = found.scenario, found.first

@@ -12,8 +12,9 @@ from backends.ltlf.monitor import LtlfMonitor, formal, observed
 from backends.ltlf.translation import Translation
 from rvaft.backend import Backend, Observed, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property, Within, Without
+from rvaft.core.passes import Pass
+from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import GUARDED_EVENTS
 from rvaft.model.guards import Operator
 from rvaft.model.patterns import Pattern
 from rvaft.model.verdict import Semantics
@@ -39,8 +40,8 @@ class LtlfBackend(Backend):
     suffix: ClassVar[str] = ".ltlf"
     remark: ClassVar[str] = "/* {} */\n"
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, WithoutEvent}
+    passes: ClassVar[tuple[Pass, ...]] = GUARDED_EVENTS
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM, Value.SOME_VARIABLE}

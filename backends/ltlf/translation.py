@@ -12,7 +12,7 @@ from backends.ltlf.reader import Header, Observation
 from rvaft.backend import Metrics
 from rvaft.core.part_numbers import NumberedParts, numbered
 from rvaft.core.precedence import Ready
-from rvaft.core.property import Event, Property, Without
+from rvaft.core.property import Event, Property, WithoutEvent
 from rvaft.core.scenarios import Scenario, scenarios
 from rvaft.core.times import untimed
 from rvaft.errors import TreeError
@@ -103,7 +103,7 @@ class Translation:
             self._atoms[observation] = self._formulas.atom(name)
         return self._atoms[observation]
 
-    def _absent(self, clause: Without) -> int:
+    def _absent(self, clause: WithoutEvent) -> int:
         """Return the atom of the events that break a clause."""
         name, rank = f"{clause.source.node}_absent", len(self._place)
         if clause.guard is None or clause.shared:

@@ -9,8 +9,9 @@ from typing import ClassVar
 from backends.match_recognize.translation import RowPatternQueries
 from rvaft.backend import Backend, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property, Without
+from rvaft.core.passes import Pass
+from rvaft.core.property import Condition, Part, Property, WithoutEvent
+from rvaft.core.time_order import GUARDED_EVENTS
 from rvaft.model.guards import Operator
 from rvaft.model.verdict import Semantics, Verdict
 
@@ -44,8 +45,8 @@ class MatchRecognizeBackend(Backend):
     extra: ClassVar[str] = "flink"
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, WithoutEvent}
+    passes: ClassVar[tuple[Pass, ...]] = GUARDED_EVENTS
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}

@@ -20,7 +20,7 @@ from rvaft.core.conditions import (
     spelled,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.guards import Guard, Operation, Operator, Sort
+from rvaft.model.guards import Guard, Operation, Operator, TermSort
 from rvaft.model.patterns import Literal
 
 Column: TypeAlias = Callable[[str, Guard], str | None]
@@ -30,7 +30,7 @@ NEVER: Final = "FALSE"
 ALWAYS: Final = "TRUE"
 LENGTH: Final = 20_000
 """Maximum number of characters of a condition."""
-_ASPECTS: Final = {Sort.NUMBER: "number", Sort.TIME: "time", Sort.TEXT: "string", Sort.TRUTH: "truth"}
+_ASPECTS: Final = {TermSort.NUMBER: "number", TermSort.TIME: "time", TermSort.TEXT: "string", TermSort.TRUTH: "truth"}
 _CALLED: Final = {Operator.MIN: "LEAST", Operator.MAX: "GREATEST", Operator.ABS: "ABS"}
 
 
@@ -47,7 +47,7 @@ def written(condition: TruthCondition, column: Column) -> str:
             case EqualityTest(left, right, wanted):
                 return f"{value(left, 'text')} {'=' if wanted else '<>'} {value(right, 'text')}"
             case ComparisonTest(sort, left, sign, right):
-                require_exact_sums(left, right, time=sort is Sort.TIME)
+                require_exact_sums(left, right, time=sort is TermSort.TIME)
                 return f"{value(left, _ASPECTS[sort])} {sign} {value(right, _ASPECTS[sort])}"
             case SortTest(term, sort, wanted=True):
                 return f"{value(term, _ASPECTS[sort])} IS NOT NULL"

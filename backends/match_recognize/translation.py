@@ -15,7 +15,7 @@ from backends.match_recognize.conditions import ALWAYS, NEVER, written
 from backends.orders import Orders
 from rvaft.backend import Metrics
 from rvaft.core.conditions import TruthCondition, TruthConditions, Unsayable
-from rvaft.core.property import Property, Without
+from rvaft.core.property import Property, WithoutEvent
 from rvaft.core.scenarios import Scenario
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, conjuncts, variables
@@ -110,7 +110,7 @@ class RowPatternQueries:
                     skipped.setdefault(gap, []).extend(broken)
             yield columns, per_event, {gap: " AND ".join(dict.fromkeys(some)) for gap, some in skipped.items() if some}
 
-    def _breaking(self, clause: Without, gap: int, events: Sequence[tuple[str, Set[str]]]) -> Iterator[str]:
+    def _breaking(self, clause: WithoutEvent, gap: int, events: Sequence[tuple[str, Set[str]]]) -> Iterator[str]:
         """Yield the condition that a skipped row does not break a clause, after these events."""
         node, names = clause.source.node, frozenset(pattern_variables(clause.pattern))
         guards = conjuncts(clause.guard)

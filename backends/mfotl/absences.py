@@ -14,9 +14,9 @@ from backends.event_columns import FittingEvent
 from backends.mfotl.conditions import Conditions, Ways, both
 from rvaft.core.conditions import Unsayable
 from rvaft.core.overlaps import compatible
-from rvaft.core.passes import time_names
-from rvaft.core.property import Event, Part, Property, Source, Without, parts_below, with_parts
+from rvaft.core.property import Event, Part, Property, Source, WithoutEvent, parts_below, with_parts
 from rvaft.core.scenarios import Scenario
+from rvaft.core.time_order import time_names
 from rvaft.core.times import timed, untimed
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, Operation, Operator, conjuncts, variables
@@ -47,7 +47,7 @@ class LackedEvent(NamedTuple):
     so late.
     """
 
-    clause: Without
+    clause: WithoutEvent
     part: tuple[Event, ...]
     now: str
     lateness: int
@@ -150,12 +150,12 @@ def timed_absences(prop: Property) -> tuple[Property, dict[tuple[Source, int], s
         match part:
             case Event(source, pattern) if part in needed and untimed(pattern)[1] is None:
                 return Event(source, timed(pattern, next(free)))
-            case Without(duration=int()):
+            case WithoutEvent(duration=int()):
                 if part.side is Side.AFTER:
                     deciding[part.source, part.number] = next(free)
                 own = next(free)
                 made = with_parts(part, parts)
-                assert isinstance(made, Without)
+                assert isinstance(made, WithoutEvent)
                 return replace(made, pattern=timed(part.pattern, own), own=part.own | {own})
             case _:
                 return with_parts(part, parts)

@@ -20,7 +20,7 @@ from rvaft.core.conditions import (
     spelled,
 )
 from rvaft.errors import TooLarge
-from rvaft.model.guards import FUNCTIONS, Guard, Operation, Operator, Sort, variables
+from rvaft.model.guards import FUNCTIONS, Guard, Operation, Operator, TermSort, variables
 from rvaft.model.patterns import Literal, Variable
 
 Ways: TypeAlias = tuple[tuple[str, ...], ...]
@@ -29,8 +29,8 @@ Ways: TypeAlias = tuple[tuple[str, ...], ...]
 MOST: Final = 500
 """Maximum number of conjunctions per guard."""
 _LEFT_TO_COLUMNS: Final = FUNCTIONS - {Operator.MIN, Operator.MAX} | {Operator.MUL, Operator.DIV}
-_ASPECTS: Final = {Sort.NUMBER: "number", Sort.TIME: "time", Sort.TEXT: "string"}
-_KINDS: Final = {Sort.NUMBER: "n", Sort.TIME: "n", Sort.TEXT: "s", Sort.TRUTH: "o"}
+_ASPECTS: Final = {TermSort.NUMBER: "number", TermSort.TIME: "time", TermSort.TEXT: "string"}
+_KINDS: Final = {TermSort.NUMBER: "n", TermSort.TIME: "n", TermSort.TEXT: "s", TermSort.TRUTH: "o"}
 
 
 def both(*several: Ways) -> Ways:
@@ -77,7 +77,7 @@ class Conditions:
 
     def known(self, name: str) -> Ways:
         """Return that a time is defined."""
-        return ((self._is(Variable(name), Sort.TIME),),)
+        return ((self._is(Variable(name), TermSort.TIME),),)
 
     def _spelled(self, test: ConditionTest) -> Ways:
         match test:
@@ -96,12 +96,12 @@ class Conditions:
             case SortTest(term, sort):
                 return ((*self._defined(term), f"NOT ({self._is(term, sort)})"),)
             case ComparisonTest(sort, left, sign, right):
-                require_exact_sums(left, right, time=sort is Sort.TIME)
+                require_exact_sums(left, right, time=sort is TermSort.TIME)
                 return self._compared(sort, left, sign, right)
             case _:
                 raise AssertionError("a constant has a truth value")
 
-    def _compared(self, sort: Sort, left: Guard, sign: str, right: Guard) -> Ways:
+    def _compared(self, sort: TermSort, left: Guard, sign: str, right: Guard) -> Ways:
         if sign in ("<", "<=") and isinstance(left, Operation) and left.operator is Operator.SUB:
             greatest, least = (
                 _operands(one, op) for one, op in zip(left.operands, (Operator.MAX, Operator.MIN), strict=True)
@@ -141,7 +141,7 @@ class Conditions:
                 positive = False
         yield from (pair for pair in product(ends, starts) if not (positive and earlier(*pair)))
 
-    def _terms(self, term: Guard, sort: Sort) -> list[tuple[tuple[str, ...], str]]:
+    def _terms(self, term: Guard, sort: TermSort) -> list[tuple[tuple[str, ...], str]]:
         """Return alternative conditions under which a term has a value, each with the text of the
         term.
         """
@@ -161,7 +161,7 @@ class Conditions:
                     case Operator.NUMBER:
                         return ways[0]
                     case Operator.NEGATE:
-                        zero = "0" if sort is Sort.TIME else "0.0"
+                        zero = "0" if sort is TermSort.TIME else "0.0"
                         return [(conditions, f"({zero} - {texts[0]})") for conditions, texts in combined]
                     case Operator.MIN | Operator.MAX:
                         before, after = ("<", "<=") if operator is Operator.MIN else (">", ">=")
@@ -184,7 +184,7 @@ class Conditions:
     def _defined(self, *terms: Guard) -> tuple[str, ...]:
         return tuple(f'NOT ({self._written(one, "kind")} = "")' for one in terms if isinstance(one, Operation))
 
-    def _is(self, term: Guard, sort: Sort) -> str:
+    def _is(self, term: Guard, sort: TermSort) -> str:
         return f'{self._written(term, "kind")} = "{_KINDS[sort]}"'
 
 

@@ -12,8 +12,9 @@ from backends.mtl.reader import compiled
 from backends.mtl.translation import REELAY, WindowedFormula, symbols, translation
 from rvaft.backend import Backend, Metrics, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, expand_times, order_ends
-from rvaft.core.property import Condition, Part, Property, Within, Without
+from rvaft.core.passes import Pass, expand_times
+from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import order_ends
 from rvaft.errors import NotExpressible, Reason, cannot, unwritten
 from rvaft.model.expressions import time_text
 from rvaft.model.guards import Operator
@@ -32,14 +33,14 @@ class MtlCapabilities(Backend):
 
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within, Without}
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Within, WithoutEvent}
     passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends)
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}
     ties: ClassVar[Ties] = Ties.NONE
     reasons: ClassVar[Mapping[Capability, Reason]] = {
         Within: unwritten("R2U2 counts steps, and windows are durations"),
-        Without: unwritten("texts for R2U2 are written without absent events"),
+        WithoutEvent: unwritten("texts for R2U2 are written without absent events"),
         Feature.TIME_POINTS: unwritten("windows (`within`) are the only condition on time that is written"),
         Ties.ALL_EVENTS: _ONE_EVENT,
         Ties.ANY: _ONE_EVENT,

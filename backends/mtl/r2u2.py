@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 from backends.mtl import MtlBackend, MtlCapabilities
 from backends.mtl.translation import c2po, symbols, translation
 from rvaft.backend import Metrics, SpecificationText
-from rvaft.core.property import Part, Property, Within, Without
+from rvaft.core.property import Part, Property, Within, WithoutEvent
 from rvaft.model.verdict import Semantics
 
 HORIZON: Final = 2**30 - 1
@@ -38,7 +38,7 @@ class MtlR2u2Backend(MtlCapabilities):
     faithful: ClassVar[bool] = False
     form_of: ClassVar[str] = MtlBackend.name
     readable: ClassVar[bool] = False
-    says: ClassVar[frozenset[type[Part]]] = MtlCapabilities.says - {Within, Without}
+    says: ClassVar[frozenset[type[Part]]] = MtlCapabilities.says - {Within, WithoutEvent}
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the file for C2PO."""

@@ -10,7 +10,7 @@ from backends.absences import clauses_of, gaps
 from backends.nests import NOTHING, WINDOW, Nest, Nesting
 from backends.orders import Orders, merged
 from rvaft.core.overlaps import overlaps
-from rvaft.core.property import Event, PartKind, Property, Within, Without
+from rvaft.core.property import Event, PartKind, Property, Within, WithoutEvent
 from rvaft.core.scenarios import Scenario, most_events
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model import patterns
@@ -189,7 +189,7 @@ def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
     minimal = semantics is Semantics.SCATTERED and not prop.absences  # an absent event may be one that is used
     orders = Orders(prop, limit=limit, minimal=minimal)
 
-    def letters(scenario: Scenario) -> dict[Event, tuple[tuple[str, ...], tuple[Without, ...]]] | None:
+    def letters(scenario: Scenario) -> dict[Event, tuple[tuple[str, ...], tuple[WithoutEvent, ...]]] | None:
         bound = {event: {*patterns.rigid_variables(event.pattern)} for event in scenario.events}
         reason = unwritten("a proposition is about one event, and a guard compares several")
         guards = orders.assigned_guards(scenario, bound, lambda node, _: NotExpressible(reason, nodes=[node]))
@@ -203,7 +203,7 @@ def translation(prop: Property, semantics: Semantics, limit: int) -> Chains:
             for event, some in leaves.items()
         }
 
-    def spelled(word: Sequence[tuple[tuple[str, ...], tuple[Without, ...]]]) -> tuple[WordLetter, ...]:
+    def spelled(word: Sequence[tuple[tuple[str, ...], tuple[WithoutEvent, ...]]]) -> tuple[WordLetter, ...]:
         absent = gaps([clauses for _, clauses in word]) if semantics is not Semantics.STRICT else [[]] * len(word)
         letters = [
             WordLetter(some, tuple(dict.fromkeys(map(_breaking, own))))
@@ -259,11 +259,11 @@ def _unit(prop: Property) -> str:
     return unit if clauses else ""
 
 
-def _breaking(clause: Without) -> str:
+def _breaking(clause: WithoutEvent) -> str:
     return _definition(clause.pattern, [] if clause.guard is None else [clause.guard])
 
 
-def _add(letters: list[WordLetter], clause: Without, places: Sequence[int]) -> None:
+def _add(letters: list[WordLetter], clause: WithoutEvent, places: Sequence[int]) -> None:
     """Add a clause with a duration to the letters at the places of its part."""
     assert clause.duration is not None
     one = (_breaking(clause), clause.duration)

@@ -23,8 +23,9 @@ from rvaft.capabilities import (
     Ties,
     Value,
 )
-from rvaft.core.passes import Pass, expand_times, order_ends
-from rvaft.core.property import Condition, Part, Property, Within, Without
+from rvaft.core.passes import Pass, expand_times
+from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import order_ends
 from rvaft.errors import NotExpressible, Reason, unwritten
 from rvaft.model.guards import Operator
 from rvaft.model.nodes import Assumption
@@ -87,7 +88,7 @@ class RmlBackend(RmlCapabilities):
     remark: ClassVar[str] = "// {}\n"
     highlighting: ClassVar[Highlighting] = HIGHLIGHTING
     json_alone: ClassVar[bool] = True  # `not matches` accepts any other value
-    says: ClassVar[frozenset[type[Part]]] = RmlCapabilities.says | {Without}
+    says: ClassVar[frozenset[type[Part]]] = RmlCapabilities.says | {WithoutEvent}
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:
         """Return the text in RML."""

@@ -11,8 +11,9 @@ from typing import ClassVar, Final
 from backends.sigma.translation import SigmaRules, expand_tied
 from rvaft.backend import Backend, Metrics, SpecificationText, stamped
 from rvaft.capabilities import COMPARING, GATES, LOGICAL, Capability, Feature, Ties, Value
-from rvaft.core.passes import Pass, order_ends
+from rvaft.core.passes import Pass
 from rvaft.core.property import Condition, Part, Property, Times, Within
+from rvaft.core.time_order import order_ends
 from rvaft.errors import Reason, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator

@@ -23,7 +23,7 @@ from rvaft.core.conditions import (
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.export.rule_metadata import ODD
 from rvaft.model.assumptions import Declared
-from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, Sort
+from rvaft.model.guards import OPERATORS, Guard, Operation, Operator, TermSort
 from rvaft.model.nodes import ValueType
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Variable
 from rvaft.model.values import EXACT_INTEGERS, NUMBER, Json
@@ -176,18 +176,18 @@ class EventRule:
         """Return a field with its modifiers, a value, and whether the test must hold."""
         match test:
             case TruthTest(Variable(name), wanted):
-                return ".".join(self._typed(name, Sort.TRUTH)), wanted, True
+                return ".".join(self._typed(name, TermSort.TRUTH)), wanted, True
             case TruthTest(Operation(operator, (Variable(name), Literal(str() as text))), wanted) if (
                 operator in _MODIFIERS
             ):
-                return *self._matching(operator, self._typed(name, Sort.TEXT), text), self._sure(name, wanted)
+                return *self._matching(operator, self._typed(name, TermSort.TEXT), text), self._sure(name, wanted)
             case EqualityTest(Variable(name), Literal(value), wanted) | EqualityTest(
                 Literal(value), Variable(name), wanted
             ):
                 way = self._typed(name, TruthConditions().sort(Literal(value)))
                 return *self._equal(way, value), self._sure(name, wanted)
-            case ComparisonTest(Sort.NUMBER, Variable(name), sign, Literal(int() | float() as value)):
-                way = self._typed(name, Sort.NUMBER)
+            case ComparisonTest(TermSort.NUMBER, Variable(name), sign, Literal(int() | float() as value)):
+                way = self._typed(name, TermSort.NUMBER)
                 if sign not in _SIGNS:
                     return *self._equal(way, value), self._sure(name, sign == "=")
                 field, number = self._equal(way, value)
@@ -201,10 +201,10 @@ class EventRule:
                     unwritten("a rule compares one field with a constant: numbers, or texts by their parts")
                 )
 
-    def _typed(self, name: str, sort: Sort) -> Key:
+    def _typed(self, name: str, sort: TermSort) -> Key:
         """Return the field of a variable whose declared type has a sort."""
         way = self.fields[name]
-        if self._known.sort_of(way) is Sort.UNKNOWN:
+        if self._known.sort_of(way) is TermSort.UNKNOWN:
             raise NotExpressible(unwritten(f"Sigma compares without types: declare the type of {'.'.join(way)}"))
         if self._known.sort_of(way) is not sort:
             raise NotExpressible(unwritten(f"the guard compares {'.'.join(way)} with a value of another type"))

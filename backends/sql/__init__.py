@@ -12,8 +12,9 @@ from backends.sql.translation import SqlQuery
 from backends.tables import Table, with_time
 from rvaft.backend import Backend, Highlighting, Match, SpecificationText
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value
-from rvaft.core.passes import Pass, bind_times, expand_times, order_ends, windows_to_guards
-from rvaft.core.property import Condition, Part, Property, Without
+from rvaft.core.passes import Pass
+from rvaft.core.property import Condition, Part, Property, WithoutEvent
+from rvaft.core.time_order import GUARDED_EVENTS
 from rvaft.errors import NotExpressible, OptionError, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
@@ -45,8 +46,8 @@ class SqlBackend(Backend):
     verdicts: ClassVar[frozenset[Verdict]] = frozenset({Verdict.TRUE, Verdict.UNKNOWN})
     json_alone: ClassVar[bool] = True
     semantics: ClassVar[frozenset[Semantics]] = frozenset(Semantics)
-    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, Without}
-    passes: ClassVar[tuple[Pass, ...]] = (expand_times, order_ends, windows_to_guards, bind_times)
+    says: ClassVar[frozenset[type[Part]]] = GATES | {Condition, WithoutEvent}
+    passes: ClassVar[tuple[Pass, ...]] = GUARDED_EVENTS
     operators: ClassVar[frozenset[Operator]] = EVERY_OPERATOR
     features: ClassVar[frozenset[Feature]] = frozenset({Feature.TIME_POINTS, Feature.LATE, Feature.OWN_VALUES})
     values: ClassVar[frozenset[Value]] = JSON_VALUES | {Value.SOME_ITEM}

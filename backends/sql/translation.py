@@ -35,7 +35,7 @@ from backends.sql.windows import CountedLeaf, NamedTables, NearestAbsence
 from backends.tables import Table, time_line
 from rvaft.backend import Metrics
 from rvaft.core.overlaps import compatible
-from rvaft.core.property import Event, Property, Without
+from rvaft.core.property import Event, Property, WithoutEvent
 from rvaft.core.times import untimed
 from rvaft.errors import TooLarge, TreeError
 from rvaft.model.event_time import TIME
@@ -512,7 +512,7 @@ class SqlQuery:
             trace = [] if self.untraced else [f"{row}.trace = {next(iter(alias.values()))}.trace"]
             yield f"NOT EXISTS (SELECT 1 FROM {table} AS {row} WHERE {' AND '.join([*trace, *where])})"
 
-    def _absent(self, clause: Without, guards: Iterable[Guard], wanted: Set[str], *, timed: bool = False) -> str:
+    def _absent(self, clause: WithoutEvent, guards: Iterable[Guard], wanted: Set[str], *, timed: bool = False) -> str:
         """Return the table of the events that a clause excludes; `timed`: of those with a time."""
         source, rows = self.log
         paths = variable_paths(clause.pattern)
@@ -529,7 +529,7 @@ class SqlQuery:
         return self._table(f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {' AND '.join(where)}", "w")
 
     def _undecided(
-        self, clause: Without, part: Sequence[Event], row: str, alias: Mapping[Event, str], one: QueriedScenario
+        self, clause: WithoutEvent, part: Sequence[Event], row: str, alias: Mapping[Event, str], one: QueriedScenario
     ) -> Iterator[str]:
         """Yield the conditions that a later event is in time, and that no event before it decides.
 
@@ -547,7 +547,7 @@ class SqlQuery:
                 yield number, f"(SELECT min(d.pos) FROM {self._deciding(clause, part, alias, one)})"
 
     def _deciding(
-        self, clause: Without, part: Sequence[Event], alias: Mapping[Event, str], one: QueriedScenario
+        self, clause: WithoutEvent, part: Sequence[Event], alias: Mapping[Event, str], one: QueriedScenario
     ) -> str:
         """Return the table `d` of times and the condition that an event decides a clause."""
         _, last = self._extreme("pos", part, alias, one)
@@ -563,13 +563,13 @@ class SqlQuery:
         query = f"SELECT {', '.join(filter(None, columns))} FROM {source} WHERE {rows.time} IS NOT NULL"
         return self._table(query, "time_")
 
-    def _patience(self, clause: Without) -> int:
+    def _patience(self, clause: WithoutEvent) -> int:
         """Return the time after which a clause is decided."""
         return (clause.duration or 0) + (self.lateness or 0)
 
     # Absent events of which the nearest one tells whether there is one: `n log n` by joins with the nearest row.
 
-    def _is_near(self, one: QueriedScenario, clause: Without, part: Sequence[Event]) -> bool:
+    def _is_near(self, one: QueriedScenario, clause: WithoutEvent, part: Sequence[Event]) -> bool:
         """Whether the nearest event with equal values tells whether an event breaks a clause.
 
         Then the guard is on the event alone, and events of the match cannot stand where others break it.

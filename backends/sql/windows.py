@@ -9,7 +9,7 @@ from typing import assert_never
 
 from backends.joins import CountedEvents
 from backends.sql.dialects import Dialect
-from rvaft.core.property import Without
+from rvaft.core.property import WithoutEvent
 from rvaft.model.nodes import Side
 
 
@@ -139,7 +139,7 @@ class NearestAbsence:
     """
 
     queries: NamedTables
-    clause: Without
+    clause: WithoutEvent
     number: int
     absent: str
     keys: Mapping[str, str]

@@ -27,8 +27,9 @@ from rvaft.capabilities import (
     Ties,
     Value,
 )
-from rvaft.core.passes import Pass, expand_times, order_ends
-from rvaft.core.property import Condition, Part, Property, Within, Without
+from rvaft.core.passes import Pass, expand_times
+from rvaft.core.property import Condition, Part, Property, Within, WithoutEvent
+from rvaft.core.time_order import order_ends
 from rvaft.errors import Reason, cannot, unwritten
 from rvaft.model.event_time import EventTime
 from rvaft.model.guards import Operator
@@ -74,7 +75,7 @@ class StixBackend(Backend):
             "comparisons are not written for the length of a list, or for whether a value is an object"
         ),
         Value.SOME_ITEM: unwritten("comparisons with `[*]` do not say which properties belong to one item"),
-        Without: cannot("a pattern that some observations match is matched by more observations, too"),
+        WithoutEvent: cannot("a pattern that some observations match is matched by more observations, too"),
         Ties.ALL_EVENTS: ONE_OBSERVATION,
         Ties.ANY: ONE_OBSERVATION,
         **dict.fromkeys(

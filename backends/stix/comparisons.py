@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from typing import ClassVar, Final
 
-from backends.field_conditions import FieldConditions, FieldPath, Lack
+from backends.field_conditions import DialectTest, FieldConditions, FieldPath
 from backends.stix.observations import EVENT
 from rvaft.errors import NotExpressible, Reason, cannot, unwritten
 from rvaft.model.guards import Operator
@@ -27,15 +27,15 @@ class StixConditions(FieldConditions):
     conjunction, disjunction = " AND ", " OR "
     exists, equals, differs, is_truth = "({p} = '' OR {p} != '')", "{p} = {v}", "{p} != {v}", "{p} = {v}"
     comparing_asks = True
-    reasons: ClassVar[Mapping[Lack, Reason]] = {
-        Lack.TWO_FIELDS: unwritten("a comparison compares one property with a constant"),
-        Lack.CONTAINER: unwritten(
+    reasons: ClassVar[Mapping[DialectTest, Reason]] = {
+        DialectTest.TWO_FIELDS: unwritten("a comparison compares one property with a constant"),
+        DialectTest.CONTAINER: unwritten(
             "comparisons are not written for the length of a list, or for whether a value is an object"
         ),
-        Lack.CALCULATION: unwritten("a comparison has one property and a constant, and no arithmetic"),
-        Lack.NULL: NO_NULL,
-        Lack.SURROGATE: unwritten("half of a surrogate pair is not a string"),
-        Lack.TEXT_FUNCTION: unwritten("LIKE and MATCHES normalise strings to Unicode NFC before comparison"),
+        DialectTest.CALCULATION: unwritten("a comparison has one property and a constant, and no arithmetic"),
+        DialectTest.NULL: NO_NULL,
+        DialectTest.SURROGATE: unwritten("half of a surrogate pair is not a string"),
+        DialectTest.TEXT_FUNCTION: unwritten("LIKE and MATCHES normalise strings to Unicode NFC before comparison"),
     }
 
     def __init__(self, path_of: Callable[[tuple[str, ...]], str]) -> None:
@@ -67,12 +67,12 @@ class StixConditions(FieldConditions):
             case Operator.LIKE if "*" in text and "?" not in text:
                 return self._matched(path, re.split(r"\*+", text), wanted=wanted)
             case _:
-                raise self.lacks(Lack.TEXT_FUNCTION)
+                raise self.lacks(DialectTest.TEXT_FUNCTION)
 
     def _matched(self, path: str, pieces: Sequence[str], *, wanted: bool) -> str:
         """Return the test that a string consists of these pieces, with any text between them."""
         if any(map(_MADE.search, pieces)) or any(map(_OPEN.search, pieces[:-1])):
-            raise self.lacks(Lack.TEXT_FUNCTION)
+            raise self.lacks(DialectTest.TEXT_FUNCTION)
         first, *inner, last = map(re.escape, pieces)
         middle = "".join(rf"(?>[\s\S]*?{piece})" for piece in inner)
         end = rf"[\s\S]*{last}(?![\s\S])" if last else ""
@@ -96,6 +96,6 @@ def literal(value: Json) -> str:
         case str() if not has_surrogate(value):
             return "'" + re.sub(r"([\\'])", r"\\\1", value) + "'"
         case None:
-            raise NotExpressible(StixConditions.reasons[Lack.NULL])
+            raise NotExpressible(StixConditions.reasons[DialectTest.NULL])
         case _:
-            raise NotExpressible(StixConditions.reasons[Lack.SURROGATE])
+            raise NotExpressible(StixConditions.reasons[DialectTest.SURROGATE])

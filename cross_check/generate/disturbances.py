@@ -252,7 +252,7 @@ _EVERYDAY: Final = (
 """Edits that occur in real logs."""
 
 
-class NearMiss(NamedTuple):
+class UndetectedTrace(NamedTuple):
     """A trace without a detection, the detecting trace that it came from, and the edit."""
 
     trace: list[Json]
@@ -262,7 +262,7 @@ class NearMiss(NamedTuple):
 
 def near_miss(
     random: Random, tree: RVAFT, semantics: Semantics = Semantics.PROJECTED, manner: Manner = WILD
-) -> NearMiss:
+) -> UndetectedTrace:
     """Return a near miss; raises `NoTraceFound`, and errors of the monitor (`TooLarge`)."""
     detected = detecting(random, tree, semantics, manner)
     kinds = [kind for kind in kinds_for(tree) if kind in _EVERYDAY or not manner.believable]
@@ -276,6 +276,6 @@ def near_miss(
             if manner.believable:
                 edited = grown(random, tree, LogValues(random, tree).in_time(edited))
             if Verdict.TRUE not in Engine(tree, semantics).run(edited):
-                return NearMiss(edited, detected, kind)
+                return UndetectedTrace(edited, detected, kind)
     # Without its last event, the detecting trace detects nothing.
-    return NearMiss(detected[:-1], detected, Disturbance.MISSING)
+    return UndetectedTrace(detected[:-1], detected, Disturbance.MISSING)

@@ -7,7 +7,7 @@ from typing import Final, TypeVar
 from hypothesis import reject
 from hypothesis import strategies as st
 
-from cross_check.generate.disturbances import NearMiss, disturbed, near_miss
+from cross_check.generate.disturbances import UndetectedTrace, disturbed, near_miss
 from cross_check.generate.traces import NoTraceFound, detecting, random_trace
 from cross_check.generate.trees import Shape, random_tree
 from rvaft.model.tree import RVAFT
@@ -55,7 +55,7 @@ def disturbed_traces(tree: RVAFT, semantics: Semantics = Semantics.PROJECTED) ->
     return _found(lambda random: disturbed(random, detecting(random, tree, semantics), tree))
 
 
-def near_misses(tree: RVAFT, semantics: Semantics = Semantics.PROJECTED) -> st.SearchStrategy[NearMiss]:
+def near_misses(tree: RVAFT, semantics: Semantics = Semantics.PROJECTED) -> st.SearchStrategy[UndetectedTrace]:
     """Return traces without detection, one edit away from a detecting one."""
     return _found(lambda random: near_miss(random, tree, semantics))
 

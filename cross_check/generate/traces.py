@@ -22,11 +22,22 @@ from cross_check.generate.values import (
 )
 from cross_check.letters import answers
 from rvaft.backend import Observed
-from rvaft.core.feasibility import Fewest, fewest_events
 from rvaft.core.precedence import Edge, Point, Precedence, edges_along, node_of, path, point_of, precedence
-from rvaft.core.property import AtLeast, Condition, EndInOrder, Event, Kept, One, Part, Property, Times, Without, fewest
+from rvaft.core.property import (
+    AtLeast,
+    Condition,
+    EndInOrder,
+    Event,
+    Kept,
+    One,
+    Part,
+    Property,
+    Times,
+    WithoutEvent,
+    fewest,
+)
 from rvaft.core.restriction import property_of
-from rvaft.core.scenarios import is_constant
+from rvaft.core.scenarios import Fewest, fewest_events, is_constant
 from rvaft.engine import Engine
 from rvaft.errors import RvaftError, TooLarge
 from rvaft.model.guards import holds, time_points, variables
@@ -468,7 +479,7 @@ class _Making:
     def has_times(self, kept: Kept, order: list[str], trace: list[Json]) -> bool:
         """Return whether the events that absent events are timed by have times."""
         time = self.tree.time
-        timed_ = (part for part in kept if isinstance(part, Without) and part.duration is not None)
+        timed_ = (part for part in kept if isinstance(part, WithoutEvent) and part.duration is not None)
         roots: list[Part] = [*timed_]
         nodes = {node_of(inner) for part in roots for inner in reachable(part, kept.__getitem__)}
         pairs = zip(order, trace, strict=True)
@@ -476,7 +487,7 @@ class _Making:
 
     def decided(self, kept: Kept, trace: list[Json]) -> list[Json]:
         """Return the trace with a time after which no absent event can come any more."""
-        after = [part.duration or 0 for part in kept if isinstance(part, Without) and part.side is Side.AFTER]
+        after = [part.duration or 0 for part in kept if isinstance(part, WithoutEvent) and part.side is Side.AFTER]
         time = self.tree.time
         if not after or time is None:
             return trace
@@ -486,7 +497,7 @@ class _Making:
 
     def broken(self, kept: Kept, order: list[str], trace: list[Json]) -> list[Json]:
         """Return the trace of an order with an event of a random `without` where it breaks it, or just outside."""
-        clauses = [part for part in kept if isinstance(part, Without)]
+        clauses = [part for part in kept if isinstance(part, WithoutEvent)]
         if not clauses:
             return trace
         clause = self.random.choice(clauses)
@@ -514,7 +525,7 @@ class _Making:
             event = timed(self.random, self.tree, event, instant, plain=plain)
         return [*trace[:place], event, *trace[place:]]
 
-    def _absent(self, clause: Without) -> Json:
+    def _absent(self, clause: WithoutEvent) -> Json:
         """Return an event of an absence, under the values of the match, that its guard accepts if one was found."""
         shared = {name: self._bound[name] for name in clause.shared if name in self._bound}
         event: Json = {}

@@ -16,7 +16,7 @@ from rvaft.errors import TreeError
 from rvaft.model import guards
 from rvaft.model.assumptions import places
 from rvaft.model.event_time import EventTime
-from rvaft.model.guards import OPERATORS, Duration, Guard, Operation, Operator, Sort, TimePoint
+from rvaft.model.guards import OPERATORS, Duration, Guard, Operation, Operator, TermSort, TimePoint
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import (
     Argument,
@@ -37,8 +37,7 @@ from rvaft.model.patterns import Anything, Literal, ObjectPattern, Pattern, Some
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Semantics
-from rvaft.rules.loading import loads
-from rvaft.rules.validity import require_valid
+from rvaft.rules.validity import loads, require_valid
 
 DECLARED: Final = loads("""
 n0;
@@ -60,10 +59,10 @@ VARIABLES: Final = ("X", "Y", "Z")
 COMPARISONS: Final = tuple(operator for operator in OPERATORS if operator in guards.COMPARISONS)
 _CALCULATIONS: Final = tuple(one for one in OPERATORS if one in guards.ARITHMETIC)
 _FUNCTIONS: Final = tuple(one for one in OPERATORS if one in guards.FUNCTIONS or one is Operator.IN)
-_OPERANDS: Final[Mapping[Sort, Sequence[Json]]] = {
-    Sort.TEXT: ("a", "A", "ab", "", "a*", "?", "*a?"),
-    Sort.NUMBER: (0, 1, 2, 1.5),
-    Sort.TRUTH: (True, False),
+_OPERANDS: Final[Mapping[TermSort, Sequence[Json]]] = {
+    TermSort.TEXT: ("a", "A", "ab", "", "a*", "?", "*a?"),
+    TermSort.NUMBER: (0, 1, 2, 1.5),
+    TermSort.TRUTH: (True, False),
 }
 """Constants beside a variable of this sort; a text may be a glob."""
 
@@ -393,7 +392,7 @@ class _Additions:
         sorts = [sort for sort in _OPERANDS if facts.takes is not None and sort in facts.takes]
         operands = [r.choice(_OPERANDS[r.choice(sorts)] if sorts else LITERALS) for _ in range(others)]
         guard = Operation(operator, (variable, *map(Literal, operands)))
-        if facts.gives is not Sort.TRUTH:
+        if facts.gives is not TermSort.TRUTH:
             guard = Operation(r.choice(COMPARISONS), (guard, Literal(r.choice(_OPERANDS[facts.gives]))))
         return Operation(Operator.NOT, (guard,)) if r.random() < 0.2 else guard
 

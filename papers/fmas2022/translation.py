@@ -24,7 +24,7 @@ from backends.rml.writer.terms import LARGEST, RmlNames, applied, quoted, spelli
 from rvaft.backend import Metrics, SpecificationText
 from rvaft.capabilities import Capability, Feature
 from rvaft.core.passes import Pass
-from rvaft.core.property import EndInOrder, Part, Property, Times, Within, Without
+from rvaft.core.property import EndInOrder, Part, Property, Times, Within, WithoutEvent
 from rvaft.errors import NotExpressible, Reason, TooLarge, unwritten
 from rvaft.model.guards import (
     ARITHMETIC,
@@ -410,12 +410,12 @@ class RmlPaperBackend(RmlBackend):
     name: ClassVar[str] = "rml-paper"
     faithful: ClassVar[bool] = False
     semantics: ClassVar[frozenset[Semantics]] = frozenset({Semantics.STRICT, Semantics.PROJECTED})
-    says: ClassVar[frozenset[type[Part]]] = RmlBackend.says - {Without}
+    says: ClassVar[frozenset[type[Part]]] = RmlBackend.says - {WithoutEvent}
     passes: ClassVar[tuple[Pass, ...]] = ()
     needs: ClassVar[Mapping[Capability, frozenset[Assumption]]] = {}
     reasons: ClassVar[Mapping[Capability, Reason]] = {
         **RmlBackend.reasons,
-        **dict.fromkeys((Semantics, Times, EndInOrder, Within, Without, Feature.TIME_POINTS), _UNSAID),
+        **dict.fromkeys((Semantics, Times, EndInOrder, Within, WithoutEvent, Feature.TIME_POINTS), _UNSAID),
     }
 
     def write(self, prop: Property, semantics: Semantics, limit: int) -> SpecificationText:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from importlib import import_module
-from typing import Any, Final, TypeVar
+from typing import Any, Final, TextIO, TypeVar
 
 import click
 
@@ -84,7 +84,7 @@ command.
 _OTHERS: Final = "Other commands"
 _LISTED: Final = {name: text for group in _GROUPS.values() for name, text in group.items()}
 _UNREADABLE: Final = "(cannot be loaded)"
-_COLOURS: Final = {"error": "red", "warning": "yellow"}
+_COLOURS: Final = {"error": "red", "warning": "yellow", "information": "blue"}
 
 
 class Stopped(Exception):
@@ -130,7 +130,7 @@ def report(error: BaseException) -> None:
             sys.stdout.flush()
     except OSError:
         _discard_output()
-    click.echo(painted(inert("\n".join(described(error)))), err=True)
+    click.echo(painted(inert("\n".join(described(error))), "rvaft: error:", "error", sys.stderr), err=True)
 
 
 class Failures:
@@ -159,16 +159,15 @@ class Failures:
 
 def warn(message: str) -> None:
     """Print a warning on standard error."""
-    click.echo(painted(inert(visible(f"rvaft: warning: {message}"))), err=True)
+    line = inert(visible(f"rvaft: warning: {message}"))
+    click.echo(painted(line, "rvaft: warning:", "warning", sys.stderr), err=True)
 
 
-def painted(text: str) -> str:
-    """Return a message whose beginning has a colour, on a terminal."""
-    for word, colour in _COLOURS.items():
-        begins = f"rvaft: {word}:"
-        if text.startswith(begins) and takes_colour(sys.stderr):
-            return click.style(begins, fg=colour, bold=True) + text.removeprefix(begins)
-    return text
+def painted(text: str, mark: str, severity: str, stream: TextIO) -> str:
+    """Return a message whose first `mark` has the colour of a severity, on a terminal."""
+    if not takes_colour(stream):
+        return text
+    return text.replace(mark, click.style(mark, fg=_COLOURS[severity], bold=True), 1)
 
 
 def described(error: BaseException) -> list[str]:

@@ -11,13 +11,13 @@ from urllib.parse import quote
 import click
 
 import rvaft
-from rvaft.cli import FAILED, FOUND, options, report
+from rvaft.cli import FAILED, FOUND, options, painted, report
 from rvaft.errors import LanguageError, RvaftError
 from rvaft.language.parser import NoTree
 from rvaft.model.nodes import Place
 from rvaft.rules.registry import RULES, SYNTAX, check, explain, meanings
 from rvaft.rules.rule import Finding, Severity
-from rvaft.support.terminal import columns, inert, readable_json, takes_colour, visible
+from rvaft.support.terminal import columns, inert, readable_json, visible
 
 _FORMATS: Final = "Output format; github prints workflow annotations, sarif prints SARIF 2.1.0."
 
@@ -55,22 +55,12 @@ def check_command(*, trees: tuple[str, ...], strict: bool, form: str) -> int:
         findings += found
         if form == "text":
             for finding in found:
-                click.echo(_painted(finding))
+                severity = finding.severity.value
+                click.echo(painted(inert(visible(str(finding))), f" {severity}: ", severity, sys.stdout))
     if form != "text":
         click.echo(_FORMS[form](findings + unreadable), nl=form != "github")
     serious = any(finding.severity in {Severity.ERROR, *([Severity.WARNING] * strict)} for finding in findings)
     return max(status, FOUND if serious else 0)
-
-
-def _painted(finding: Finding) -> str:
-    """Return the line of a finding, with its severity in colour on a terminal."""
-    line, word = inert(visible(str(finding))), f" {finding.severity.value}: "
-    if not takes_colour(sys.stdout):
-        return line
-    return line.replace(word, click.style(word, fg=_COLOURS[finding.severity], bold=True), 1)
-
-
-_COLOURS: Final = {Severity.ERROR: "red", Severity.WARNING: "yellow", Severity.INFORMATION: "blue"}
 
 
 def _json(findings: Sequence[Finding]) -> str:

@@ -9,7 +9,7 @@ import click
 
 from rvaft.cli.options import F, read_named, refuse
 from rvaft.readers.json_lines import JsonLinesReader
-from rvaft.readers.log import SHIPPED, FieldType, InputOptions, LogReader
+from rvaft.readers.log import OF_FORMATS, SHIPPED, FieldType, InputOptions, LogReader
 from rvaft.readers.registry import format_of, profile_reader, reader, reader_class
 from rvaft.support.wording import listing
 
@@ -74,7 +74,7 @@ def log_format(function: F) -> F:
     @wraps(function)
     def gathered(**given: Any) -> Any:
         year = click.get_current_context().meta.get("year")
-        named = {name: given.pop(name) for name in ("records", "types", "pattern", "profile", "dbc", "messages")}
+        named = {name: given.pop(name) for name in OF_FORMATS}
         input_options = InputOptions(year=year, **named)
         log_format = LogFormat(given.pop("input_form"), input_options)
         return function(**given, log_format=log_format)

@@ -35,10 +35,11 @@ from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.follow import FollowedFile, stopping
 from rvaft.stream.listeners import Listener
 from rvaft.stream.plan import MonitoringPlan, Totals
-from rvaft.stream.run import StateBeside, TraceRun
+from rvaft.stream.run import TraceRun
 from rvaft.stream.semantics_hint import SemanticsHint
 from rvaft.stream.sources import Source, reading_of
 from rvaft.stream.statistics import Statistics
+from rvaft.stream.trace_progress import StateBeside
 from rvaft.stream.verdict_change import MonitoredTrace, VerdictChange
 from rvaft.stream.whole_log import Declined, LogAnswer
 from rvaft.support.collector import rare_collections

@@ -22,7 +22,7 @@ from rvaft.model.event_time import duration
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Semantics
-from rvaft.rules.loading import load, loads
+from rvaft.rules.validity import load, loads
 from rvaft.support.files import error_context, note_input, opened_within, require_folder, require_target
 from rvaft.support.wording import did_you_mean
 

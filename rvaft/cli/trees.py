@@ -89,7 +89,8 @@ def _check_tree(tree: str, words: Sequence[str], command: str) -> None:
     other = next(filter(_seems_tree, words), None)
     right = f"{command} {other or 'TREE'} {'LOG' if other is None else tree}"
     start = "" if other else "; rvaft infer LOG and rvaft new write a tree to start from"
-    options.refuse(True, f"{tree} seems to be a log, and the tree comes first: {right}{start}")
+    why = f"{tree} seems to be a log, and the tree comes first: {right}{start}"
+    raise click.UsageError(why, click.get_current_context())
 
 
 def _seems_log(name: str) -> bool:

@@ -20,7 +20,7 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
-    Without,
+    WithoutEvent,
 )
 from rvaft.model.nodes import Causality, Gate, Node
 from rvaft.model.tree import RVAFT, own_name
@@ -49,7 +49,7 @@ def build(tree: RVAFT) -> Property:
         whole = whole if node.within is None else Within(source, (whole,), node.within)
         for number, clause in enumerate(node.without, 1):
             pattern, local = tree.instantiate(clause.on), tree.own_variables(clause)
-            whole = Without(source, (whole,), pattern, clause.when, local, clause.side, clause.duration, number)
+            whole = WithoutEvent(source, (whole,), pattern, clause.when, local, clause.side, clause.duration, number)
         wholes[source] = whole
     ignored = tuple(Ignored(tree.instantiate(ignore.on), ignore.when) for ignore in tree.ignores)
     return Property(wholes[Source(tree.root)], tree, tree.alphabet, ignored, tree.time, wholes)

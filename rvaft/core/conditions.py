@@ -20,7 +20,7 @@ from rvaft.model.guards import (
     Guard,
     Operation,
     Operator,
-    Sort,
+    TermSort,
     definition,
     folded,
     is_total,
@@ -58,7 +58,7 @@ class EqualityTest:
 class ComparisonTest:
     """A test that two terms are both numbers (times, texts) and compare by `sign`, such as `<>`."""
 
-    sort: Sort
+    sort: TermSort
     left: Guard
     sign: str
     right: Guard
@@ -69,7 +69,7 @@ class SortTest:
     """A test that a term has this sort (or has a value of another sort)."""
 
     term: Guard
-    sort: Sort
+    sort: TermSort
     wanted: bool
 
 
@@ -113,13 +113,13 @@ class TruthConditions:
         self,
         times: Collection[str] = (),
         is_whole: Callable[[Guard], bool] = lambda _: False,
-        sorts: Mapping[str, Sort] | None = None,
+        sorts: Mapping[str, TermSort] | None = None,
         present: Collection[str] = (),
     ) -> None:
         self._times, self._is_whole, self._sorts = frozenset(times), is_whole, sorts or {}
         self._present = present
         self._known: dict[tuple[Guard, bool], TruthCondition] = {}
-        self._sorts_of: dict[ConditionJunction, dict[Guard, Sort]] = {}
+        self._sorts_of: dict[ConditionJunction, dict[Guard, TermSort]] = {}
 
     @classmethod
     def declared(cls, known: Declared, ways: Mapping[str, Path]) -> Self:
@@ -141,7 +141,7 @@ class TruthConditions:
         if not variables(guard):
             return ALWAYS if value(guard, {}) is wanted else NEVER
         if isinstance(guard, Variable) or self._is_whole(guard):
-            return TruthTest(guard, wanted) if self.sort(guard) in (Sort.TRUTH, Sort.UNKNOWN) else NEVER
+            return TruthTest(guard, wanted) if self.sort(guard) in (TermSort.TRUTH, TermSort.UNKNOWN) else NEVER
         if (meaning := definition(guard)) is not None:
             return self._when(meaning, wanted)
         assert isinstance(guard, Operation), "a constant has no variables"
@@ -157,10 +157,12 @@ class TruthConditions:
                 return self._equality(left, others[0], wanted is (guard.operator is Operator.EQ))
             case operator if operator in ORDERINGS:
                 sign = operator if wanted else OPERATORS[operator].negated
-                return _any(self._compared(sort, left, str(sign), others[0]) for sort in (Sort.NUMBER, Sort.TEXT))
+                return _any(
+                    self._compared(sort, left, str(sign), others[0]) for sort in (TermSort.NUMBER, TermSort.TEXT)
+                )
             case operator:
                 assert operator in ARITHMETIC | FUNCTIONS, f"no conditions for {operator}"
-                return TruthTest(guard, wanted) if self.sort(guard) is Sort.TRUTH else NEVER
+                return TruthTest(guard, wanted) if self.sort(guard) is TermSort.TRUTH else NEVER
 
     def _decided(self, operands: Sequence[Guard], wanted: bool) -> TruthCondition:
         """Return the condition that an operand has the truth value `wanted`, and all before it the opposite one.
@@ -168,7 +170,7 @@ class TruthConditions:
         An operand before it need not be tested if it is defined wherever a later one decides.
         """
         ways: list[TruthCondition] = []  # the last one first
-        given: Mapping[Guard, Sort] = {}
+        given: Mapping[Guard, TermSort] = {}
         for operand in reversed(operands):
             if ways and not self._is_total(operand, given):
                 opposite = self._when(operand, not wanted)
@@ -179,29 +181,29 @@ class TruthConditions:
                 ways.append(way)
         return _any(reversed(ways))
 
-    def _is_total(self, guard: Guard, given: Mapping[Guard, Sort]) -> bool:
+    def _is_total(self, guard: Guard, given: Mapping[Guard, TermSort]) -> bool:
         """Whether a guard is surely true or false where terms have given sorts."""
         match guard:
             case Operation(operator, operands) if operator in COMPARISONS | FUNCTIONS:
                 sorts, facts = {self._sure_sort(operand, given) for operand in operands}, OPERATORS[operator]
-                known = len(sorts) == 1 and None not in sorts and facts.gives is Sort.TRUTH
+                known = len(sorts) == 1 and None not in sorts and facts.gives is TermSort.TRUTH
                 known &= facts.takes is None or sorts <= facts.takes
             case Operation(Operator.NOT | Operator.AND | Operator.OR, operands):
                 known = all(self._is_total(operand, given) for operand in operands)
             case Operation() if (meaning := definition(guard)) is not None:
                 known = self._is_total(meaning, given)
             case _:
-                known = self._sure_sort(guard, given) is Sort.TRUTH
+                known = self._sure_sort(guard, given) is TermSort.TRUTH
         return known or (is_total(guard) and self._times.isdisjoint(variables(guard)))
 
-    def _sure_sort(self, term: Guard, given: Mapping[Guard, Sort]) -> Sort | None:
+    def _sure_sort(self, term: Guard, given: Mapping[Guard, TermSort]) -> TermSort | None:
         """Return the sort of a variable that is not null, of a constant, or of a term with a given one; else None."""
         match term:
             case _ if term in given:
                 return given[term]
             case Variable(name) if name in self._present and name not in self._times:
                 sort = self._sorts.get(name)
-                return sort if sort in (Sort.NUMBER, Sort.TEXT, Sort.TRUTH) else None
+                return sort if sort in (TermSort.NUMBER, TermSort.TEXT, TermSort.TRUTH) else None
             case Literal(constant) if is_finite(constant) and not isinstance(term, Duration):
                 return self.sort(term) if constant is not None else None
             case _:
@@ -209,17 +211,17 @@ class TruthConditions:
 
     def _equality(self, left: Guard, right: Guard, wanted: bool) -> TruthCondition:
         for one, other in ((left, right), (right, left)):
-            if self.sort(one) is Sort.TRUTH and not self._is_plain(one):  # a test, compared with a Boolean value
+            if self.sort(one) is TermSort.TRUTH and not self._is_plain(one):  # a test, compared with a Boolean value
                 ways = ([self._when(one, it), self._equality(other, Literal(it), wanted)] for it in (True, False))
                 return _any(map(_all, ways))
         sorts = self.sort(left), self.sort(right)
-        if Sort.VOID in sorts:
+        if TermSort.VOID in sorts:
             return NEVER
         if isinstance(left, Literal) and isinstance(right, Literal):
             return ALWAYS if equal(left.value, right.value) is wanted else NEVER
         if self._is_plain(left) and self._is_plain(right):
             return EqualityTest(left, right, wanted)
-        same = [self._compared(sort, left, _EQUAL[wanted], right) for sort in (Sort.NUMBER, Sort.TEXT)]
+        same = [self._compared(sort, left, _EQUAL[wanted], right) for sort in (TermSort.NUMBER, TermSort.TEXT)]
         if wanted:
             return _any(same)
         return _any([*same, *(self._apart(one, other) for one, other in ((left, right), (right, left)))])
@@ -227,37 +229,37 @@ class TruthConditions:
     def _apart(self, term: Guard, other: Guard) -> TruthCondition:
         """Return the condition that `term`, a number or a text, and `other` differ in sort."""
         sort, others = self.sort(term), self.sort(other)
-        if sort not in (Sort.NUMBER, Sort.TEXT, Sort.TIME) or self._is_plain(term):
+        if sort not in (TermSort.NUMBER, TermSort.TEXT, TermSort.TIME) or self._is_plain(term):
             return NEVER
-        plain = Sort.NUMBER if sort is Sort.TIME else sort
-        if others is Sort.UNKNOWN:
+        plain = TermSort.NUMBER if sort is TermSort.TIME else sort
+        if others is TermSort.UNKNOWN:
             return _all([self._valued(term), SortTest(other, plain, wanted=False)])
-        if (Sort.NUMBER if others is Sort.TIME else others) is plain:
+        if (TermSort.NUMBER if others is TermSort.TIME else others) is plain:
             return NEVER
         return _all([self._valued(term), self._valued(other)])
 
     def _valued(self, term: Guard) -> TruthCondition:
         return ALWAYS if isinstance(term, Literal) else SortTest(term, self.sort(term), wanted=True)
 
-    def _compared(self, sort: Sort, left: Guard, sign: str, right: Guard) -> TruthCondition:
+    def _compared(self, sort: TermSort, left: Guard, sign: str, right: Guard) -> TruthCondition:
         sorts = {self.sort(term) for term in (left, right)}
-        if Sort.TIME in sorts and sort is Sort.NUMBER:
-            if {Sort.UNKNOWN, Sort.NUMBER} & {self.sort(term) for term in (left, right) if variables(term)}:
+        if TermSort.TIME in sorts and sort is TermSort.NUMBER:
+            if {TermSort.UNKNOWN, TermSort.NUMBER} & {self.sort(term) for term in (left, right) if variables(term)}:
                 raise Unsayable("it compares a time with a value that is not a time")
-            sorts, sort = {Sort.NUMBER if one is Sort.TIME else one for one in sorts}, Sort.TIME
-        plain = Sort.NUMBER if sort is Sort.TIME else sort
-        return ComparisonTest(sort, left, sign, right) if sorts <= {plain, Sort.UNKNOWN} else NEVER
+            sorts, sort = {TermSort.NUMBER if one is TermSort.TIME else one for one in sorts}, TermSort.TIME
+        plain = TermSort.NUMBER if sort is TermSort.TIME else sort
+        return ComparisonTest(sort, left, sign, right) if sorts <= {plain, TermSort.UNKNOWN} else NEVER
 
     def _is_plain(self, term: Guard) -> bool:
         whole = isinstance(term, Literal | Variable) or self._is_whole(term)
-        return whole and (isinstance(term, Operation) or self.sort(term) is not Sort.TIME)
+        return whole and (isinstance(term, Operation) or self.sort(term) is not TermSort.TIME)
 
-    def _sorts_in(self, condition: TruthCondition) -> dict[Guard, Sort]:
+    def _sorts_in(self, condition: TruthCondition) -> dict[Guard, TermSort]:
         """As `_sorts_tested`, of a condition; parts that several conditions share are looked at once."""
         if not isinstance(condition, ConditionJunction):
             return _sorts_tested(condition)
         if condition not in self._sorts_of:
-            found: dict[Guard, Sort] = {}
+            found: dict[Guard, TermSort] = {}
             of_parts = [self._sorts_in(part) for part in condition.parts]
             if condition.every:
                 for one in of_parts:
@@ -268,7 +270,7 @@ class TruthConditions:
             self._sorts_of[condition] = found
         return self._sorts_of[condition]
 
-    def sort(self, term: Guard) -> Sort:
+    def sort(self, term: Guard) -> TermSort:
         """Return the sort of a term's values.
 
         Raises `Unsayable` for a calculation with a time and another number.
@@ -276,47 +278,57 @@ class TruthConditions:
         match term:
             case Literal(constant):
                 if isinstance(constant, bool):
-                    return Sort.TRUTH
-                return Sort.NUMBER if is_number(constant) else Sort.TEXT if isinstance(constant, str) else Sort.NULL
+                    return TermSort.TRUTH
+                return (
+                    TermSort.NUMBER
+                    if is_number(constant)
+                    else TermSort.TEXT
+                    if isinstance(constant, str)
+                    else TermSort.NULL
+                )
             case Variable(name):
-                return Sort.TIME if name in self._times else self._sorts.get(name, Sort.UNKNOWN)
+                return TermSort.TIME if name in self._times else self._sorts.get(name, TermSort.UNKNOWN)
             case Operation(operator, operands):
                 facts = OPERATORS[operator]
                 if not variables(term):  # a constant term that has a value is folded
-                    return Sort.VOID
+                    return TermSort.VOID
                 if operator in ARITHMETIC | FUNCTIONS and facts.takes is not None and facts.means is None:
                     sorts = {self.sort(operand) for operand in operands}
-                    taken = {*facts.takes, Sort.UNKNOWN, *((Sort.TIME,) if Sort.NUMBER in facts.takes else ())}
+                    taken = {
+                        *facts.takes,
+                        TermSort.UNKNOWN,
+                        *((TermSort.TIME,) if TermSort.NUMBER in facts.takes else ()),
+                    }
                     if not sorts <= taken:
-                        return Sort.VOID
-                    if facts.gives is Sort.NUMBER and Sort.TIME in sorts:
-                        if {Sort.UNKNOWN, Sort.NUMBER} & {
+                        return TermSort.VOID
+                    if facts.gives is TermSort.NUMBER and TermSort.TIME in sorts:
+                        if {TermSort.UNKNOWN, TermSort.NUMBER} & {
                             self.sort(operand) for operand in operands if variables(operand)
                         }:
                             raise Unsayable("it calculates with a time and a value that is not a time")
-                        return Sort.TIME
+                        return TermSort.TIME
                 return facts.gives
 
 
-def _sorts_tested(test: ConditionTest) -> dict[Guard, Sort]:
+def _sorts_tested(test: ConditionTest) -> dict[Guard, TermSort]:
     """Return the terms that are a number, a text or a Boolean wherever a test holds; times count as numbers."""
-    found: dict[Guard, Sort] = {}
+    found: dict[Guard, TermSort] = {}
     match test:
         case ComparisonTest(sort, left, _, right):
-            found = dict.fromkeys((left, right), Sort.NUMBER if sort is Sort.TIME else sort)
+            found = dict.fromkeys((left, right), TermSort.NUMBER if sort is TermSort.TIME else sort)
         case EqualityTest(term, Literal(constant), True) | EqualityTest(Literal(constant), term, True):
             found = {term: TruthConditions().sort(Literal(constant))}
         case TruthTest(Operation(operator, operands)) if (takes := OPERATORS[operator].takes) and len(takes) == 1:
             found = dict.fromkeys(operands, *takes)
         case TruthTest(term):
-            found = {term: Sort.TRUTH}
+            found = {term: TermSort.TRUTH}
         case SortTest(term, sort, True):
             found = {term: sort}
         case EqualityTest() | SortTest():
             pass
         case _:
             assert_never(test)
-    return {term: sort for term, sort in found.items() if sort in (Sort.NUMBER, Sort.TEXT, Sort.TRUTH)}
+    return {term: sort for term, sort in found.items() if sort in (TermSort.NUMBER, TermSort.TEXT, TermSort.TRUTH)}
 
 
 def _all(parts: Iterable[TruthCondition]) -> TruthCondition:

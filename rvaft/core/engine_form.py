@@ -2,8 +2,9 @@
 
 from contextlib import suppress
 
-from rvaft.core.passes import LIMIT, OpenChoice, by_choices, expand_times, reduced, simplify, with_ends, with_guards
+from rvaft.core.passes import LIMIT, expand_times, simplify
 from rvaft.core.property import IMPOSSIBLE, All, EndInOrder, One, Part, Property, chooses, parts_below, with_parts
+from rvaft.core.time_order import OpenChoice, by_choices, reduced, with_ends, with_guards, with_single_ends
 from rvaft.errors import TreeError
 
 
@@ -33,7 +34,7 @@ def _followed(prop: Property, limit: int, *, points: bool) -> Property:
         try:
             made = with_ends(prop, None)
         except OpenChoice:
-            made = with_ends(prop, None, only_single=True)
+            made = with_single_ends(prop)
             if _shares_below_ends(made):
                 return reduced(prop, limit)
     try:

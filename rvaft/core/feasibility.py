@@ -4,8 +4,7 @@ from collections.abc import Callable, Collection, Container, Iterable, Mapping, 
 from functools import cached_property
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
-from math import prod
-from typing import Final, NamedTuple, TypeAlias, TypeVar, assert_never
+from typing import Final, TypeAlias, TypeVar
 
 from rvaft.core import property as core
 from rvaft.core.build import build
@@ -23,7 +22,6 @@ from rvaft.core.precedence import (
     standstill,
 )
 from rvaft.core.property import (
-    All,
     AtLeast,
     Condition,
     EndInOrder,
@@ -31,40 +29,18 @@ from rvaft.core.property import (
     Kept,
     One,
     Part,
-    Property,
     Source,
     Times,
-    Within,
-    Without,
     fewest,
-    with_parts,
 )
-from rvaft.core.scenarios import is_constant, most_events, resolutions
+from rvaft.core.scenarios import is_constant, resolutions
+from rvaft.core.time_order import with_single_ends
 from rvaft.model.guards import holds
 from rvaft.model.tree import RVAFT, find_cycle
 from rvaft.support.bits import in_at_least
 from rvaft.support.budget import DEFAULT_LIMIT, Budget
 
 T = TypeVar("T")
-
-
-def with_single_ends(prop: Property) -> Property:
-    """Return the property with a sequence for each `EndInOrder` of parts with at most one event.
-
-    >>> import rvaft
-    >>> type(with_single_ends(build(rvaft.loads("top pand a b;"))).root).__name__
-    'Sequence'
-    """
-    if not any(isinstance(part, EndInOrder) for part in prop.parts):
-        return prop
-    most = most_events(prop.parts)
-
-    def change(part: Part, parts: tuple[Part, ...]) -> Part:
-        if isinstance(part, EndInOrder) and all(most[inner] < 2 for inner in part.parts):
-            return core.Sequence(part.source, parts)
-        return with_parts(part, parts)
-
-    return prop.rewritten(change)
 
 
 Demands: TypeAlias = dict[Part, frozenset[Part]]
@@ -433,62 +409,4 @@ def borne_surely(
                 marks[bearer] = marks.get(bearer, 0) | own
         borne = inevitable(space.order, marks, everything)
         found.update((name, mark) for name, mark in pairs if borne[space.whole[name]] & bit.get(mark, 0))
-    return found
-
-
-def most_scenarios(prop: Property) -> int:
-    """Return an upper bound on the number of scenarios.
-
-    It is exact if all are feasible and no part is shared.
-
-    >>> import rvaft
-    >>> most_scenarios(build(rvaft.loads("top 2of3 a b c;")))
-    4
-    """
-    ways: dict[Part, int] = {}
-    for part in prop.parts:
-        inside = [ways[inner] for inner in part.parts]
-        match part:
-            case One():
-                ways[part] = sum(inside)
-            case AtLeast(need=need):
-                keeping = [1, *([0] * len(inside))]  # the number of ways to keep exactly k parts
-                for of_part in inside:
-                    keeping = [keeping[0], *(more + of_part * fewer for fewer, more in pairwise(keeping))]
-                ways[part] = sum(keeping[need:])
-            case Event() | Times() | Condition() | All() | core.Sequence() | EndInOrder() | Within() | Without():
-                ways[part] = prod(inside)
-            case _:
-                assert_never(part)
-    return ways[prop.root]
-
-
-class Fewest(NamedTuple):
-    """The minimum number of events, and the direct subparts kept for it."""
-
-    events: int
-    kept: tuple[Part, ...]
-
-
-def fewest_events(
-    parts: Iterable[Part], *, without: Container[Part] = frozenset(), without_edges: Container[Edge] = frozenset()
-) -> dict[Part, Fewest]:
-    """Return the minimum number of events of each possible part; a shared part counts each time.
-
-    `parts` lists inner parts first.
-
-    >>> import rvaft
-    >>> prop = build(rvaft.loads("top 2of3 a b c;"))
-    >>> fewest_events(prop.parts)[prop.root].events
-    2
-    """
-    found: dict[Part, Fewest] = {}
-    for part in parts:
-        able = [inner for inner in part.parts if inner in found and (part, inner) not in without_edges]
-        if part in without or len(able) < fewest(part):
-            continue
-        chosen = set(sorted(able, key=lambda inner: found[inner].events)[: fewest(part)])
-        kept = tuple(inner for inner in part.parts if inner in chosen)
-        own = part.count if isinstance(part, Times) else 1 if isinstance(part, Event) else 0
-        found[part] = Fewest(own + sum(found[inner].events for inner in kept), kept)
     return found

@@ -22,7 +22,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
-    Without,
+    WithoutEvent,
     fewest,
     kept_ways,
 )
@@ -135,7 +135,7 @@ def op_of(part: Part) -> PartKind:
             return PartKind.ONE
         case AtLeast():
             return PartKind.AT_LEAST
-        case Times() | EndInOrder() | Within() | Without():
+        case Times() | EndInOrder() | Within() | WithoutEvent():
             raise AssertionError("passes remove these before")
         case _:
             assert_never(part)

@@ -23,7 +23,7 @@ from rvaft.core.property import (
     Part,
     Times,
     Within,
-    Without,
+    WithoutEvent,
     parts_below,
 )
 from rvaft.model.tree import reachable
@@ -210,7 +210,7 @@ def event_order(kept: Kept) -> tuple[tuple[Event, ...], tuple[int, ...]] | None:
                     for event in bits(inside[subpart]):
                         before[event] |= previous
                     previous = inside[subpart] or previous
-            case Condition() | All() | One() | AtLeast() | Within() | Without():
+            case Condition() | All() | One() | AtLeast() | Within() | WithoutEvent():
                 pass
             case _:
                 assert_never(part)

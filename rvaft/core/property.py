@@ -19,7 +19,7 @@ from rvaft.model.guards import Guard, time_points, variables
 from rvaft.model.nodes import Assumption, Kind, Relevant, Side
 from rvaft.model.patterns import Pattern, rigid_variables
 from rvaft.model.patterns import variables as pattern_variables
-from rvaft.model.tree import RVAFT, sorted_topologically
+from rvaft.model.tree import RVAFT, reachable, sorted_topologically
 from rvaft.model.verdict import Semantics
 from rvaft.support.wording import did_you_mean
 
@@ -162,7 +162,7 @@ class Within(_Part):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Without(_Part):
+class WithoutEvent(_Part):
     """One part, and no event of a pattern beside it (semantics, section 1.5).
 
     `own` are the local variables of pattern and guard; the others are those of the property.
@@ -185,7 +185,7 @@ class Without(_Part):
         return tuple(name for name in names if name not in self.own)
 
 
-Part: TypeAlias = Event | Times | Condition | All | Sequence | One | AtLeast | EndInOrder | Within | Without
+Part: TypeAlias = Event | Times | Condition | All | Sequence | One | AtLeast | EndInOrder | Within | WithoutEvent
 """A `match` over the parts ends in `assert_never`."""
 Kept: TypeAlias = Mapping[Part, tuple[Part, ...]]
 """The parts of a scenario, each with the direct subparts that it keeps, in tree order."""
@@ -200,7 +200,7 @@ PARTS: Final[tuple[type[Part], ...]] = (
     AtLeast,
     EndInOrder,
     Within,
-    Without,
+    WithoutEvent,
 )
 NOTHING: Final = All(None, ())
 """The part without events or conditions."""
@@ -244,14 +244,7 @@ def parts_below(root: Part, inner: Callable[[Part], tuple[Part, ...]] = _all_par
 
     `inner` returns the direct subparts to include. The reverse is the order of the tree.
     """
-    seen: dict[Part, tuple[Part, ...]] = {}
-    agenda = [root]
-    while agenda:
-        part = agenda.pop()
-        if part not in seen:
-            seen[part] = inner(part)
-            agenda.extend(reversed(seen[part]))
-    return tuple(sorted_topologically(seen))[::-1]
+    return tuple(sorted_topologically({part: inner(part) for part in reachable(root, inner)}))[::-1]
 
 
 def variables_in(part: Part) -> tuple[str, ...]:
@@ -261,7 +254,7 @@ def variables_in(part: Part) -> tuple[str, ...]:
             return pattern_variables(part.pattern)
         case Condition():
             return variables(part.guard)
-        case Without():
+        case WithoutEvent():
             return (*pattern_variables(part.pattern), *variables(part.guard))
         case All() | Sequence() | One() | AtLeast() | EndInOrder() | Within():
             return ()
@@ -362,9 +355,9 @@ class Property:
             raise OptionError(unrepeatable(name, why))
 
     @cached_property
-    def absences(self) -> tuple[Without, ...]:
+    def absences(self) -> tuple[WithoutEvent, ...]:
         """The events that must be absent."""
-        return tuple(part for part in self.parts if isinstance(part, Without))
+        return tuple(part for part in self.parts if isinstance(part, WithoutEvent))
 
     @property
     def times_absences(self) -> bool:

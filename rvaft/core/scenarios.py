@@ -1,10 +1,12 @@
 """Enumeration of the scenarios of a property (semantics, section 2)."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final, assert_never
+from itertools import pairwise
+from math import prod
+from typing import Final, NamedTuple, assert_never
 
-from rvaft.core.precedence import event_order
+from rvaft.core.precedence import Edge, event_order
 from rvaft.core.property import (
     All,
     AtLeast,
@@ -18,7 +20,7 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
-    Without,
+    WithoutEvent,
     chooses,
     fewest,
     kept_ways,
@@ -48,7 +50,7 @@ def observable(parts: Iterable[Part]) -> set[Part]:
                 possible = not is_constant(part) or holds(part.guard, {})
             case One() | AtLeast():
                 possible = sum(inner in found for inner in part.parts) >= fewest(part)
-            case All() | Sequence() | EndInOrder() | Within() | Without():
+            case All() | Sequence() | EndInOrder() | Within() | WithoutEvent():
                 possible = all(inner in found for inner in part.parts)
             case _:
                 assert_never(part)
@@ -69,11 +71,71 @@ def most_events(parts: Iterable[Part]) -> dict[Part, int]:
                 most[part] = min(2, count)
             case One():
                 most[part] = max(inner, default=0)
-            case Condition() | All() | Sequence() | AtLeast() | EndInOrder() | Within() | Without():
+            case Condition() | All() | Sequence() | AtLeast() | EndInOrder() | Within() | WithoutEvent():
                 most[part] = min(2, sum(inner))
             case _:
                 assert_never(part)
     return most
+
+
+def most_scenarios(prop: Property) -> int:
+    """Return an upper bound on the number of scenarios.
+
+    It is exact if all are feasible and no part is shared.
+
+    >>> import rvaft
+    >>> from rvaft.core.build import build
+    >>> most_scenarios(build(rvaft.loads("top 2of3 a b c;")))
+    4
+    """
+    ways: dict[Part, int] = {}
+    for part in prop.parts:
+        inside = [ways[inner] for inner in part.parts]
+        match part:
+            case One():
+                ways[part] = sum(inside)
+            case AtLeast(need=need):
+                keeping = [1, *([0] * len(inside))]  # the number of ways to keep exactly k parts
+                for of_part in inside:
+                    keeping = [keeping[0], *(more + of_part * fewer for fewer, more in pairwise(keeping))]
+                ways[part] = sum(keeping[need:])
+            case Event() | Times() | Condition() | All() | Sequence() | EndInOrder() | Within() | WithoutEvent():
+                ways[part] = prod(inside)
+            case _:
+                assert_never(part)
+    return ways[prop.root]
+
+
+class Fewest(NamedTuple):
+    """The minimum number of events, and the direct subparts kept for it."""
+
+    events: int
+    kept: tuple[Part, ...]
+
+
+def fewest_events(
+    parts: Iterable[Part], *, without: Container[Part] = frozenset(), without_edges: Container[Edge] = frozenset()
+) -> dict[Part, Fewest]:
+    """Return the minimum number of events of each possible part; a shared part counts each time.
+
+    `parts` lists inner parts first.
+
+    >>> import rvaft
+    >>> from rvaft.core.build import build
+    >>> prop = build(rvaft.loads("top 2of3 a b c;"))
+    >>> fewest_events(prop.parts)[prop.root].events
+    2
+    """
+    found: dict[Part, Fewest] = {}
+    for part in parts:
+        able = [inner for inner in part.parts if inner in found and (part, inner) not in without_edges]
+        if part in without or len(able) < fewest(part):
+            continue
+        chosen = set(sorted(able, key=lambda inner: found[inner].events)[: fewest(part)])
+        kept = tuple(inner for inner in part.parts if inner in chosen)
+        own = part.count if isinstance(part, Times) else 1 if isinstance(part, Event) else 0
+        found[part] = Fewest(own + sum(found[inner].events for inner in kept), kept)
+    return found
 
 
 def resolutions(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Kept]:
@@ -139,9 +201,9 @@ class Scenario:
         return tuple(event for event in self.events if event in below)
 
     @property
-    def absences(self) -> tuple[tuple[Without, tuple[Event, ...]], ...]:
+    def absences(self) -> tuple[tuple[WithoutEvent, tuple[Event, ...]], ...]:
         """The kept clauses of absent events, each with the events of its part."""
-        return tuple((part, self.events_below(part)) for part in self.kept if isinstance(part, Without))
+        return tuple((part, self.events_below(part)) for part in self.kept if isinstance(part, WithoutEvent))
 
 
 def scenarios(prop: Property, *, minimal: bool = False, limit: int = LIMIT) -> Iterator[Scenario]:

@@ -23,7 +23,7 @@ from rvaft.model.guards import (
     Operation,
     Operator,
     Predicate,
-    Sort,
+    TermSort,
     definition,
     expanded,
     folded,
@@ -126,13 +126,13 @@ def _when(guard: Guard, *, truth: bool) -> list[Way]:
 
 _UNDEFINED: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.means is None)
 """Operators without a definition by others."""
-_VALUES: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.gives is not Sort.TRUTH)
+_VALUES: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.gives is not TermSort.TRUTH)
 """Operators that give a number or a text."""
-_TEXTS: Final = frozenset({Sort.TEXT})
+_TEXTS: Final = frozenset({TermSort.TEXT})
 _TEXT_TESTS: Final = frozenset(
     operator
     for operator, facts in OPERATORS.items()
-    if facts.takes == _TEXTS and facts.gives is Sort.TRUTH and facts.arity == 2
+    if facts.takes == _TEXTS and facts.gives is TermSort.TRUTH and facts.arity == 2
 )
 
 
@@ -164,7 +164,7 @@ class _GuardFacts:
         self.at_most: list[tuple[Hashable, Hashable]] = []
         self.less: list[tuple[Hashable, Hashable]] = []
         self.unequal: list[tuple[Hashable, Hashable]] = []
-        self.sorts: defaultdict[Hashable, set[Sort]] = defaultdict(set)  # the sorts of each term
+        self.sorts: defaultdict[Hashable, set[TermSort]] = defaultdict(set)  # the sorts of each term
         self.constants: dict[Hashable, Any] = {}
         self.sums: dict[Hashable, dict[int, Hashable]] = {}  # per term, the terms that equal it plus an integer
         self.compared: set[Hashable] = set()
@@ -227,7 +227,7 @@ class _GuardFacts:
     def contradict(self) -> bool:
         for row in self.sums.values():
             self.at_most += [(row[less], row[more]) for less, more in pairwise(sorted(row))]
-        for sort in (Sort.NUMBER, Sort.TEXT):
+        for sort in (TermSort.NUMBER, TermSort.TEXT):
             mine = [term for term, constant in self.constants.items() if _sort(constant) == sort]
             for low, high in pairwise(sorted(mine, key=self.constants.__getitem__)):
                 self._compare(Operator.EQ if self.constants[low] == self.constants[high] else Operator.LT, low, high)
@@ -248,26 +248,28 @@ class _GuardFacts:
 
         if any(same(low, high) for low, high in (*self.less, *self.unequal)):
             return True
-        others = [term for term, constant in self.constants.items() if _sort(constant) not in (Sort.NUMBER, Sort.TEXT)]
+        others = [
+            term for term, constant in self.constants.items() if _sort(constant) not in (TermSort.NUMBER, TermSort.TEXT)
+        ]
         terms = list(number)
         return any(same(*pair) for pair in combinations(others, 2)) or any(
             self._mixed({terms[index] for index in bits(component)}) for component in set(beside)
         )
 
     def _mixed(self, terms: set[Hashable]) -> bool:
-        sorts = set[Sort]().union(*(self.sorts[term] for term in terms))
-        return len(sorts) > 1 or (not sorts <= {Sort.NUMBER, Sort.TEXT} and not self.compared.isdisjoint(terms))
+        sorts = set[TermSort]().union(*(self.sorts[term] for term in terms))
+        return len(sorts) > 1 or (not sorts <= {TermSort.NUMBER, TermSort.TEXT} and not self.compared.isdisjoint(terms))
 
 
 _SHIFTS: Final = (Operator.ADD, Operator.SUB)
 
 
-def _sort(constant: Scalar) -> Sort:
+def _sort(constant: Scalar) -> TermSort:
     if is_number(constant):
-        return Sort.NUMBER
+        return TermSort.NUMBER
     if isinstance(constant, str):
-        return Sort.TEXT
-    return Sort.NULL if constant is None else Sort.TRUTH
+        return TermSort.TEXT
+    return TermSort.NULL if constant is None else TermSort.TRUTH
 
 
 _DEGREE: Final = 4

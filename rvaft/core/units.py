@@ -25,14 +25,14 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
-    Without,
+    WithoutEvent,
 )
 from rvaft.core.property import Sequence as Ordered
 from rvaft.core.times import point_bounds
 from rvaft.model.guards import Guard, Operation, Operator, TimePoint, conjuncts, renamed, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Pattern, Variable, rigid_variables, substitute
-from rvaft.model.tree import shown_name
+from rvaft.model.tree import reachable, shown_name
 from rvaft.support.bits import mask_of
 
 DEEPEST: Final = 100
@@ -70,12 +70,7 @@ class _Draft:
 
     def leaves(self) -> Iterator["_Draft"]:
         """Iterate over the leaves in order."""
-        agenda = [self]
-        while agenda:
-            node = agenda.pop()
-            if node.event is not None:
-                yield node
-            agenda.extend(reversed(node.parts))
+        return (node for node in reachable(self, lambda node: node.parts) if node.event is not None)
 
 
 class _DraftBound(NamedTuple):
@@ -286,7 +281,7 @@ def _drafted(prop: Property, *, points: bool) -> _Draft:
                 taken.add(inside)
                 if draft is not None:
                     draft.window = duration if draft.window is None else min(duration, draft.window)
-            case Without():
+            case WithoutEvent():
                 raise _NotApart
             case _:
                 raise AssertionError("a window has one part")
@@ -349,9 +344,7 @@ def _values_of(event: Event | Times) -> dict[str, str]:
 
 def _push_windows(root: _Draft) -> None:
     """Move the windows of choices, and the bounds on their own time points, to their children."""
-    agenda = [root]
-    while agenda:
-        node = agenda.pop()
+    for node in reachable(root, lambda node: node.parts):
         if node.op is Op.ONE and node.window is not None:
             for child in node.parts:
                 child.window = node.window if child.window is None else min(node.window, child.window)
@@ -361,7 +354,6 @@ def _push_windows(root: _Draft) -> None:
                 node.bounds.remove(one)
                 for child in node.parts:
                     child.bounds.append(one._replace(plus=(child, one.plus[1]), minus=(child, one.minus[1])))
-        agenda += node.parts
 
 
 def _alternatives(root: _Draft) -> Iterator[tuple[_Draft, dict[str, str]]]:

@@ -58,7 +58,7 @@ class _Node(NamedTuple):
     window: int | None = None
     ends: bool = False
     """Whether the children end in order."""
-    absence: core.Without | None = None
+    absence: core.WithoutEvent | None = None
     points: tuple[int, ...] = ()
     """The nodes whose `start` or `end` the guard has."""
 
@@ -130,7 +130,7 @@ def _joined(part: Part, shared: frozenset[Part], direction: bool | None) -> _Nod
             return _Node(part, current, None, guard, op_of(current), (), 0)
         case core.Within(parts=parts, duration=duration):
             return _Node(part, None, None, guard, PartKind.ALL, parts, 1, window=duration)
-        case core.Without(parts=parts):
+        case core.WithoutEvent(parts=parts):
             return _Node(part, None, None, guard, PartKind.ALL, parts, 1, absence=current)
         case core.Condition() if guard is None:
             return _Node(part, None, None, current.guard, op_of(current), (), 0)
@@ -158,7 +158,7 @@ def _belongs(inner: Part, part: Part, shared: frozenset[Part]) -> bool:
 
 def _is_gate(part: Part) -> bool:
     own = any(isinstance(one, core.Condition) and _belongs(one, part, frozenset()) for one in part.parts)
-    return bool(part.parts) and not own and not isinstance(part, core.Within | core.Without)
+    return bool(part.parts) and not own and not isinstance(part, core.Within | core.WithoutEvent)
 
 
 def _need(part: Part, rest: tuple[Part, ...]) -> int:
@@ -494,7 +494,7 @@ class AbsenceClause(NamedTuple):
 
     node: int
     target: int
-    part: core.Without
+    part: core.WithoutEvent
     tree: RVAFT
 
     @property

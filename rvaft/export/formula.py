@@ -23,13 +23,12 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
-    Without,
+    WithoutEvent,
 )
 from rvaft.errors import TooLarge
 from rvaft.model.expressions import PLAIN, Style, event_text, guard_text, without_text
 from rvaft.model.guards import Guard, time_points
-from rvaft.model.nodes import Causality, Node
-from rvaft.model.nodes import Without as Absent
+from rvaft.model.nodes import Causality, Node, Without
 
 DEFAULT_LIMIT: Final = 100_000
 
@@ -75,7 +74,7 @@ class Lacking:
     """A part with an event that must be absent."""
 
     part: "Formula"
-    clause: Absent
+    clause: Without
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +161,7 @@ class _Writer:
                 return _joined(Join.ENDS, inside)
             case Within(duration=duration):
                 return Window(inside[0], duration)
-            case Without(source=source, number=number):
+            case WithoutEvent(source=source, number=number):
                 return Lacking(inside[0], self._nodes[source.node].without[number - 1])
             case _:
                 assert_never(part)

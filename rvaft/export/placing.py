@@ -86,7 +86,7 @@ class Text(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Symbol:
+class PlacedSymbol:
     """A symbol: what it means, its text, top centre and size. A `pill` shows the text of a gate."""
 
     sign: Gate | Sign
@@ -166,7 +166,7 @@ class Box:
     width: float
     height: float
     lines: tuple[Text, ...]
-    symbol: Symbol | None
+    symbol: PlacedSymbol | None
 
     @property
     def foot(self) -> float:
@@ -187,11 +187,11 @@ class Edge(NamedTuple):
     turn: Text | None
 
 
-class Sample(NamedTuple):
+class LegendEntry(NamedTuple):
     """An entry of the legend; an entry without outline is a text alone."""
 
     sign: Sign | Gate
-    symbol: Symbol
+    symbol: PlacedSymbol
     drawn: bool
     meaning: Text
 
@@ -204,20 +204,20 @@ class Placing:
     boxes: Mapping[str, Box]
     edges: tuple[Edge, ...]
     below: tuple[Text, ...]
-    samples: tuple[Sample, ...]
+    samples: tuple[LegendEntry, ...]
     width: float
     height: float
 
 
 @dataclass(slots=True)
-class _Draft:
+class _PlacedNode:
     """A node while it is placed."""
 
     node: Node
     lines: list[tuple[Role, str]]
     width: float
     height: float
-    symbol: Symbol | None
+    symbol: PlacedSymbol | None
     spare: float = 0.0
     level: int = 0
     x: float = 0.0
@@ -295,15 +295,15 @@ def place(tree: RVAFT, look: Look, *, size: float = SIZE, spare: float = 0.0, ba
     )
 
 
-def _draft(node: Node, part: View, look: Look, size: float, *, badge: bool) -> _Draft:
+def _draft(node: Node, part: View, look: Look, size: float, *, badge: bool) -> _PlacedNode:
     lines = [(role, visible(line)) for role, some in rows(node, look) for line in some]
     widest = max((text_width(line, bold=role is Role.BOLD) for role, line in lines), default=1.0)
     width = max(widest, _BADGE * _LETTER if badge else 2.0) + 2 * _SIDE
     symbol = _symbol(node, part, look, size)
-    return _Draft(node, lines, round(width * size, 1), ((len(lines) + badge) * _LINE + 2 * _PAD) * size, symbol)
+    return _PlacedNode(node, lines, round(width * size, 1), ((len(lines) + badge) * _LINE + 2 * _PAD) * size, symbol)
 
 
-def _symbol(node: Node, part: View, look: Look, size: float) -> Symbol | None:
+def _symbol(node: Node, part: View, look: Look, size: float) -> PlacedSymbol | None:
     hidden = part.folded.get(node.name)
     if node.gate is not None and hidden is not None:
         text = f"+{hidden}" if hidden else "…"
@@ -315,15 +315,15 @@ def _symbol(node: Node, part: View, look: Look, size: float) -> Symbol | None:
     return sign_symbol(Sign.CONDITION if is_condition(node) else Sign.EVENT, "", size)
 
 
-def gate_symbol(gate: Gate, text: str, size: float, *, pill: bool) -> Symbol:
+def gate_symbol(gate: Gate, text: str, size: float, *, pill: bool) -> PlacedSymbol:
     """Return the symbol of a gate at the origin."""
     if pill:
-        return Symbol(gate, text, 0, 0, (text_width(text) + 1.4) * size, 1.6 * size, pill=True)
+        return PlacedSymbol(gate, text, 0, 0, (text_width(text) + 1.4) * size, 1.6 * size, pill=True)
     shown = text.partition(" ")[2] if gate is Gate.VOT else ""
-    return Symbol(gate, shown, 0, 0, max(3.0, (text_width(shown) + 1.3)) * size, 2.5 * size)
+    return PlacedSymbol(gate, shown, 0, 0, max(3.0, (text_width(shown) + 1.3)) * size, 2.5 * size)
 
 
-def sign_symbol(sign: Sign, text: str, size: float) -> Symbol:
+def sign_symbol(sign: Sign, text: str, size: float) -> PlacedSymbol:
     """Return a symbol other than a gate at the origin."""
     match sign:
         case Sign.EVENT:
@@ -336,14 +336,14 @@ def sign_symbol(sign: Sign, text: str, size: float) -> Symbol:
             width, height = text_width(text) + 1, 1.6
         case _:
             assert_never(sign)
-    return Symbol(sign, text, 0, 0, width * size, height * size)
+    return PlacedSymbol(sign, text, 0, 0, width * size, height * size)
 
 
-def _moved(symbol: Symbol, x: float, y: float) -> Symbol:
-    return Symbol(symbol.sign, symbol.text, x, y, symbol.width, symbol.height, symbol.pill)
+def _moved(symbol: PlacedSymbol, x: float, y: float) -> PlacedSymbol:
+    return PlacedSymbol(symbol.sign, symbol.text, x, y, symbol.width, symbol.height, symbol.pill)
 
 
-def _levels(part: View, lowered: Collection[str], drafts: Mapping[str, _Draft]) -> dict[str, list[str]]:
+def _levels(part: View, lowered: Collection[str], drafts: Mapping[str, _PlacedNode]) -> dict[str, list[str]]:
     """Set the levels; return the children of each node that are placed below it."""
     above: dict[str, str] = {}
     for draft in drafts.values():
@@ -359,7 +359,7 @@ def _levels(part: View, lowered: Collection[str], drafts: Mapping[str, _Draft]) 
     }
 
 
-def _lowered(part: View, drafts: Mapping[str, _Draft], size: float) -> Collection[str]:
+def _lowered(part: View, drafts: Mapping[str, _PlacedNode], size: float) -> Collection[str]:
     """Return the leaves to lower by a level: per gate every other one, one, or none, for the least width."""
     choices: dict[str, list[frozenset[str]]] = {}
     for node in part.nodes:
@@ -388,7 +388,7 @@ def _lowered(part: View, drafts: Mapping[str, _Draft], size: float) -> Collectio
 
 
 def _across(
-    part: View, own: Mapping[str, Sequence[str]], drafts: Mapping[str, _Draft], size: float
+    part: View, own: Mapping[str, Sequence[str]], drafts: Mapping[str, _PlacedNode], size: float
 ) -> tuple[float, float, dict[str, float]]:
     """Return the width, the place of the root, and the distance of each node from that above it."""
     shift: dict[str, float] = {}
@@ -416,7 +416,7 @@ def _across(
 
 
 def _spread(
-    part: View, look: Look, drafts: Mapping[str, _Draft], size: float
+    part: View, look: Look, drafts: Mapping[str, _PlacedNode], size: float
 ) -> tuple[float, list[float], list[float]]:
     """Position all boxes; return the width, and the top and bottom of each level."""
     own = _levels(part, _lowered(part, drafts, size) if look.stagger else (), drafts)
@@ -459,7 +459,9 @@ def _joined(left: _Outline, right: _Outline, shift: float) -> _Outline:
     return left
 
 
-def _heights(drafts: Mapping[str, _Draft], crossing: Mapping[int, int], size: float) -> tuple[list[float], list[float]]:
+def _heights(
+    drafts: Mapping[str, _PlacedNode], crossing: Mapping[int, int], size: float
+) -> tuple[list[float], list[float]]:
     """Return the top and the bottom of each level."""
     heights = [0.0] * (max(draft.level for draft in drafts.values()) + 1)
     for draft in drafts.values():
@@ -472,7 +474,7 @@ def _heights(drafts: Mapping[str, _Draft], crossing: Mapping[int, int], size: fl
     return tops, bottoms
 
 
-def _boxed(draft: _Draft, size: float) -> Box:
+def _boxed(draft: _PlacedNode, size: float) -> Box:
     x, y = round(draft.x, 1), round(draft.y, 1)
     lines = tuple(
         Text(x, round(y + (_PAD + _LINE * number + 0.95) * size, 1), line, role)
@@ -550,7 +552,9 @@ def _free(gaps: Sequence[tuple[float, float]], wanted: float, target: float) -> 
     return min(near, key=lambda one: abs(one - wanted))
 
 
-def _foot(part: View, look: Look, bottom: float, size: float) -> tuple[tuple[Text, ...], tuple[Sample, ...], float]:
+def _foot(
+    part: View, look: Look, bottom: float, size: float
+) -> tuple[tuple[Text, ...], tuple[LegendEntry, ...], float]:
     """Return the lines below the tree, the legend, and the bottom of both."""
     below, samples, left = [], [], _MARGIN * size
     for line in look.marks.below if look.marks is not None else ():
@@ -563,7 +567,7 @@ def _foot(part: View, look: Look, bottom: float, size: float) -> tuple[tuple[Tex
         if isinstance(sign, Gate):
             symbol = gate_symbol(sign, sample, size, pill=pill)
         elif sign is Sign.CONDITION and not look.symbols:
-            symbol = Symbol(sign, sample, 0, 0, (text_width(sample) + 1) * size, 1.6 * size)
+            symbol = PlacedSymbol(sign, sample, 0, 0, (text_width(sample) + 1) * size, 1.6 * size)
         else:
             symbol = sign_symbol(sign, "" if sign is Sign.CONDITION else sample, size)
         symbol = _moved(symbol, left + _SAMPLE / 2 * size + pill * size, bottom + 0.7 * size)
@@ -571,5 +575,5 @@ def _foot(part: View, look: Look, bottom: float, size: float) -> tuple[tuple[Tex
         word = f"{sample.split()[0]}: {meaning}" if isinstance(sign, Gate) and look.symbols else meaning
         middle = symbol.y + symbol.height / 2 + 0.35 * size
         said = Text(left + (_SAMPLE + 0.8 + 2 * pill) * size, middle, word, anchor="start")
-        samples.append(Sample(sign, symbol, sign is not Sign.ORDER, said))
+        samples.append(LegendEntry(sign, symbol, sign is not Sign.ORDER, said))
     return tuple(below), tuple(samples), bottom

@@ -15,7 +15,7 @@ from urllib.parse import quote
 from rvaft.errors import ToolMissing
 from rvaft.export import Format
 from rvaft.export.layout import PLAIN, Look, Marks, Role, Sign, is_condition, node_line
-from rvaft.export.placing import SIZE, Box, Edge, Placing, Sample, Step, Symbol, Text, place
+from rvaft.export.placing import SIZE, Box, Edge, LegendEntry, PlacedSymbol, Placing, Step, Text, place
 from rvaft.model.nodes import Gate
 from rvaft.model.tree import RVAFT
 from rvaft.support.terminal import visible
@@ -217,7 +217,7 @@ def _node(box: Box, number: int, mark: str, *, badge: bool, ids: bool) -> Iterat
     yield "</g>"
 
 
-def _symbol(symbol: Symbol, words: str, known: str = "") -> Iterator[str]:
+def _symbol(symbol: PlacedSymbol, words: str, known: str = "") -> Iterator[str]:
     yield f'<path class="{words}"{known} d="{path_text(symbol.outline())}"/>'
     if inside := symbol.inside():
         yield f'<path class="line inside" d="{path_text(inside)}"/>'
@@ -250,7 +250,7 @@ def _below(placed: Placing, *, boxes: bool) -> Iterator[str]:
         yield "".join(_sample(sample, boxes=boxes))
 
 
-def _sample(sample: Sample, *, boxes: bool) -> Iterator[str]:
+def _sample(sample: LegendEntry, *, boxes: bool) -> Iterator[str]:
     sign, symbol = sample.sign, sample.symbol
     kind, shape = ("", "gate") if isinstance(sign, Gate) else _SAMPLES[sign]
     yield f'<g class="{f"sample {kind}".rstrip()}">'

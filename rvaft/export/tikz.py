@@ -5,7 +5,7 @@ from typing import Final
 
 from rvaft.export.latex import escaped
 from rvaft.export.layout import PLAIN, Look, Role, Sign, is_condition
-from rvaft.export.placing import Box, Placing, Step, Symbol, Text, place
+from rvaft.export.placing import Box, PlacedSymbol, Placing, Step, Text, place
 from rvaft.model.nodes import Gate
 from rvaft.model.tree import RVAFT
 
@@ -83,7 +83,7 @@ def _node(box: Box, marked: bool | None) -> Iterator[str]:
         yield _text(line, faint=marked is False)
 
 
-def _symbol(symbol: Symbol, style: str, *, mark: str = "") -> Iterator[str]:
+def _symbol(symbol: PlacedSymbol, style: str, *, mark: str = "") -> Iterator[str]:
     yield _path(style, symbol.outline())
     if inside := symbol.inside():
         yield _path(f"line{mark.replace('unmarked', 'faint')}", inside)

@@ -39,7 +39,8 @@ from rvaft.stream.listeners import Listener
 from rvaft.stream.monitor_set import MonitorSet, Per, columns
 from rvaft.stream.order import OrderedField
 from rvaft.stream.plan import MonitoringPlan, Totals
-from rvaft.stream.run import RunState, TraceRun
+from rvaft.stream.run import TraceRun
+from rvaft.stream.trace_progress import RunState
 from rvaft.stream.verdict_change import VerdictChange
 from rvaft.support.wording import counted
 

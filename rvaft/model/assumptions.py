@@ -11,7 +11,7 @@ from math import inf, isfinite
 from typing import Any, Final, NamedTuple, Protocol, TypeAlias, assert_never, cast
 
 from rvaft.model.event_time import EventTime, duration_text
-from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, Sort, value, walk
+from rvaft.model.guards import UNDEFINED, Guard, Operation, Operator, TermSort, value, walk
 from rvaft.model.nodes import Assumption, On, ValueType
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
@@ -22,13 +22,13 @@ Path: TypeAlias = tuple[str | int, ...]
 """The keys and indexes that lead to a value in an event."""
 
 _ABSENT: Final = object()
-_SORTS: Final[Mapping[ValueType, Sort]] = {
-    ValueType.TEXT: Sort.TEXT,
-    ValueType.INTEGER: Sort.NUMBER,
-    ValueType.NUMBER: Sort.NUMBER,
-    ValueType.BOOLEAN: Sort.TRUTH,
-    ValueType.TIME: Sort.UNKNOWN,
-    ValueType.ANY: Sort.UNKNOWN,
+_SORTS: Final[Mapping[ValueType, TermSort]] = {
+    ValueType.TEXT: TermSort.TEXT,
+    ValueType.INTEGER: TermSort.NUMBER,
+    ValueType.NUMBER: TermSort.NUMBER,
+    ValueType.BOOLEAN: TermSort.TRUTH,
+    ValueType.TIME: TermSort.UNKNOWN,
+    ValueType.ANY: TermSort.UNKNOWN,
 }
 _TEXT_TESTS: Final = frozenset(
     {
@@ -62,7 +62,7 @@ class Violation(NamedTuple):
         return f"assumption '{self.assumption}' broken: event {self.event}: {self.message}"
 
 
-def sort_of(type_: ValueType) -> Sort:
+def sort_of(type_: ValueType) -> TermSort:
     """Return the sort of the values of a type; UNKNOWN for `time` and `any`."""
     return _SORTS[type_]
 
@@ -103,7 +103,7 @@ class Declared:
         """Return the declared type of the value at a path, or ANY."""
         return dict(self.types).get(path, ValueType.ANY)
 
-    def sort_of(self, path: Path) -> Sort:
+    def sort_of(self, path: Path) -> TermSort:
         """Return the sort of the value at a path, or UNKNOWN."""
         return sort_of(self.type_of(path))
 

@@ -60,7 +60,7 @@ class _Undefined(Enum):
 UNDEFINED: Final = _Undefined.UNDEFINED
 
 
-class Sort(StrEnum):
+class TermSort(StrEnum):
     """The sort of a term's values.
 
     A variable is UNKNOWN, or the TIME of an event. A VOID term is undefined under every binding.
@@ -91,8 +91,8 @@ class OperatorFacts(NamedTuple):
     level: int
     sign: str
     function: Callable[..., Json] | None
-    takes: frozenset[Sort] | None
-    gives: Sort
+    takes: frozenset[TermSort] | None
+    gives: TermSort
     arity: int | None = 2
     compare: Callable[[Any, Any], bool] | None = None
     negated: Operator | None = None
@@ -189,44 +189,44 @@ MAX_GLOB: Final = 1_000
 """The maximum length of a glob, in characters."""
 
 _O = Operator
-_TRUTHS: Final = frozenset({Sort.TRUTH})
-_NUMERALS: Final = frozenset({Sort.NUMBER})
-_STRINGS: Final = frozenset({Sort.TEXT})
-_ORDERED: Final = frozenset({Sort.NUMBER, Sort.TEXT})
+_TRUTHS: Final = frozenset({TermSort.TRUTH})
+_NUMERALS: Final = frozenset({TermSort.NUMBER})
+_STRINGS: Final = frozenset({TermSort.TEXT})
+_ORDERED: Final = frozenset({TermSort.NUMBER, TermSort.TEXT})
 
 
 def _comparison(
     sign: str, function: Callable[..., Json], compare: Callable[[Any, Any], bool], negated: Operator, mirrored: Operator
 ) -> OperatorFacts:
     takes = None if mirrored.value == sign else _ORDERED
-    return OperatorFacts(4, sign, function, takes, Sort.TRUTH, 2, compare, negated, mirrored)
+    return OperatorFacts(4, sign, function, takes, TermSort.TRUTH, 2, compare, negated, mirrored)
 
 
 OPERATORS: Final[Mapping[Operator, OperatorFacts]] = {
-    _O.OR: OperatorFacts(1, "or", None, _TRUTHS, Sort.TRUTH, None),
-    _O.AND: OperatorFacts(2, "and", None, _TRUTHS, Sort.TRUTH, None),
-    _O.NOT: OperatorFacts(3, "not ", _denied, _TRUTHS, Sort.TRUTH, 1),
+    _O.OR: OperatorFacts(1, "or", None, _TRUTHS, TermSort.TRUTH, None),
+    _O.AND: OperatorFacts(2, "and", None, _TRUTHS, TermSort.TRUTH, None),
+    _O.NOT: OperatorFacts(3, "not ", _denied, _TRUTHS, TermSort.TRUTH, 1),
     _O.EQ: _comparison("==", _equality, python.eq, _O.NE, _O.EQ),
     _O.NE: _comparison("!=", lambda left, right: _denied(_equality(left, right)), python.ne, _O.EQ, _O.NE),
     _O.LT: _comparison("<", _ordered(python.lt), python.lt, _O.GE, _O.GT),
     _O.LE: _comparison("<=", _ordered(python.le), python.le, _O.GT, _O.GE),
     _O.GT: _comparison(">", _ordered(python.gt), python.gt, _O.LE, _O.LT),
     _O.GE: _comparison(">=", _ordered(python.ge), python.ge, _O.LT, _O.LE),
-    _O.ADD: OperatorFacts(5, "+", _calculating(python.add), _NUMERALS, Sort.NUMBER),
-    _O.SUB: OperatorFacts(5, "-", _calculating(python.sub), _NUMERALS, Sort.NUMBER),
-    _O.MUL: OperatorFacts(6, "*", _calculating(python.mul), _NUMERALS, Sort.NUMBER),
-    _O.DIV: OperatorFacts(6, "/", _calculating(python.truediv), _NUMERALS, Sort.NUMBER),
-    _O.NEGATE: OperatorFacts(7, "-", _calculating(python.neg), _NUMERALS, Sort.NUMBER, 1),
-    _O.IN: OperatorFacts(4, "in", _listed, None, Sort.TRUTH, None, means=_one_of),
-    _O.STARTSWITH: OperatorFacts(8, "startswith", _texts(str.startswith), _STRINGS, Sort.TRUTH),
-    _O.ENDSWITH: OperatorFacts(8, "endswith", _texts(str.endswith), _STRINGS, Sort.TRUTH),
-    _O.CONTAINS: OperatorFacts(8, "contains", _texts(str.__contains__), _STRINGS, Sort.TRUTH),
-    _O.LIKE: OperatorFacts(8, "like", _texts(_like), _STRINGS, Sort.TRUTH),
-    _O.LOWER: OperatorFacts(8, "lower", _texts(_lower), _STRINGS, Sort.TEXT, 1),
-    _O.ABS: OperatorFacts(8, "abs", _calculating(abs), _NUMERALS, Sort.NUMBER, 1),
-    _O.MIN: OperatorFacts(8, "min", _calculating(min), _NUMERALS, Sort.NUMBER, None),
-    _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, Sort.NUMBER, None),
-    _O.NUMBER: OperatorFacts(8, "number", _number, _ORDERED, Sort.NUMBER, 1),
+    _O.ADD: OperatorFacts(5, "+", _calculating(python.add), _NUMERALS, TermSort.NUMBER),
+    _O.SUB: OperatorFacts(5, "-", _calculating(python.sub), _NUMERALS, TermSort.NUMBER),
+    _O.MUL: OperatorFacts(6, "*", _calculating(python.mul), _NUMERALS, TermSort.NUMBER),
+    _O.DIV: OperatorFacts(6, "/", _calculating(python.truediv), _NUMERALS, TermSort.NUMBER),
+    _O.NEGATE: OperatorFacts(7, "-", _calculating(python.neg), _NUMERALS, TermSort.NUMBER, 1),
+    _O.IN: OperatorFacts(4, "in", _listed, None, TermSort.TRUTH, None, means=_one_of),
+    _O.STARTSWITH: OperatorFacts(8, "startswith", _texts(str.startswith), _STRINGS, TermSort.TRUTH),
+    _O.ENDSWITH: OperatorFacts(8, "endswith", _texts(str.endswith), _STRINGS, TermSort.TRUTH),
+    _O.CONTAINS: OperatorFacts(8, "contains", _texts(str.__contains__), _STRINGS, TermSort.TRUTH),
+    _O.LIKE: OperatorFacts(8, "like", _texts(_like), _STRINGS, TermSort.TRUTH),
+    _O.LOWER: OperatorFacts(8, "lower", _texts(_lower), _STRINGS, TermSort.TEXT, 1),
+    _O.ABS: OperatorFacts(8, "abs", _calculating(abs), _NUMERALS, TermSort.NUMBER, 1),
+    _O.MIN: OperatorFacts(8, "min", _calculating(min), _NUMERALS, TermSort.NUMBER, None),
+    _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, TermSort.NUMBER, None),
+    _O.NUMBER: OperatorFacts(8, "number", _number, _ORDERED, TermSort.NUMBER, 1),
 }
 """A function (level 8) is written before its operands in parentheses."""
 
@@ -237,13 +237,13 @@ ORDERINGS: Final = COMPARISONS - {Operator.EQ, Operator.NE}
 ARITHMETIC: Final = frozenset(operator for operator, facts in OPERATORS.items() if 4 < facts.level < 8)
 FUNCTIONS: Final = frozenset(operator for operator, facts in OPERATORS.items() if facts.level == 8)
 NUMERIC: Final = frozenset(
-    operator for operator, facts in OPERATORS.items() if facts.takes == _NUMERALS and facts.gives is Sort.NUMBER
+    operator for operator, facts in OPERATORS.items() if facts.takes == _NUMERALS and facts.gives is TermSort.NUMBER
 )
 """Operators from numbers to a number."""
 
 assert set(OPERATORS) == set(Operator), f"not in OPERATORS: {set(Operator) - set(OPERATORS)}"
 assert JUNCTIONS | COMPARISONS | ARITHMETIC | FUNCTIONS | {Operator.NOT, Operator.IN} == set(Operator)
-assert all(facts.gives in (Sort.NUMBER, Sort.TEXT, Sort.TRUTH) for facts in OPERATORS.values())
+assert all(facts.gives in (TermSort.NUMBER, TermSort.TEXT, TermSort.TRUTH) for facts in OPERATORS.values())
 for _operator in COMPARISONS:
     _facts = OPERATORS[_operator]
     assert OPERATORS[_facts.negated or Operator.NOT].negated is _operator

@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from itertools import count
 from math import isfinite
@@ -127,13 +127,15 @@ class InputOptions:
     @property
     def given(self) -> frozenset[str]:
         """The names of given options."""
-        return frozenset(
-            name for name in ("records", "types", "pattern", "profile", "dbc", "messages") if getattr(self, name)
-        )
+        return frozenset(name for name in OF_FORMATS if getattr(self, name))
 
     def only(self, names: Collection[str]) -> "InputOptions":
         """Return these options only."""
         return replace(InputOptions(year=self.year), **{name: getattr(self, name) for name in self.given & set(names)})
+
+
+OF_FORMATS: Final = tuple(option.name for option in fields(InputOptions) if option.name != "year")
+"""The names of the options that only some formats take."""
 
 
 @dataclass(frozen=True, slots=True)

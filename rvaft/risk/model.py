@@ -18,7 +18,7 @@ from rvaft.language.parser import parse_file_as_written
 from rvaft.model.nodes import Causality, Gate, Kind, Node
 from rvaft.model.quantities import Quantities, WrongQuantity, quantities
 from rvaft.model.tree import RVAFT, find_cycle
-from rvaft.rules.loading import checked
+from rvaft.rules.validity import valid_tree
 from rvaft.support.wording import did_you_mean
 
 PACKAGES: Final = "pip install 'rvaft[risk]'"
@@ -237,7 +237,7 @@ def of_draft(draft: Draft) -> RiskTree:
     Raises `TreeError` if it is no valid tree, and `RiskError` for what no analysis reads.
     """
     if not any(use.dynamic for node in draft.nodes.values() for use, _ in node.gates):
-        return of_tree(checked(draft))
+        return of_tree(valid_tree(draft))
     if draft.root is None:
         raise RiskError(f"{draft.file}: the tree has no root: declare it with `toplevel NAME;`")
     words: dict[str, GateUse] = {}

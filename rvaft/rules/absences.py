@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, assert_never
 
 from rvaft.core.feasibility import ScenarioSpace
-from rvaft.core.passes import expand_times, order_ends
+from rvaft.core.passes import expand_times
 from rvaft.core.property import (
     All,
     AtLeast,
@@ -17,14 +17,14 @@ from rvaft.core.property import (
     Sequence,
     Times,
     Within,
-    Without,
+    WithoutEvent,
 )
 from rvaft.core.scenarios import Scenario, most_events, scenarios
+from rvaft.core.time_order import order_ends
 from rvaft.errors import TooLarge
 from rvaft.language.draft import Draft
 from rvaft.model.expressions import without_text
-from rvaft.model.nodes import Node, Side
-from rvaft.model.nodes import Without as Clause
+from rvaft.model.nodes import Node, Side, Without
 from rvaft.model.patterns import rigid_variables
 from rvaft.rules.rule import RuleReport, branch_of
 from rvaft.support.bits import bits
@@ -78,7 +78,7 @@ def unbound_absence(space: ScenarioSpace) -> Iterator[RuleReport]:
     try:
         for scenario in _scenarios(space.prop):
             for part in scenario.kept:
-                if isinstance(part, Without) and (part.source, part.number) in sources:
+                if isinstance(part, WithoutEvent) and (part.source, part.number) in sources:
                     message = _lacking(tree.variables, scenario, part)
                     node = tree.nodes[part.source.node]
                     if message and node.name not in reported:
@@ -89,7 +89,7 @@ def unbound_absence(space: ScenarioSpace) -> Iterator[RuleReport]:
         raise Undecided("absent events") from None
 
 
-def _said(node: Node, clause: Clause, message: str) -> str:
+def _said(node: Node, clause: Without, message: str) -> str:
     return f"`{without_text(clause)}` at {node.name}: {message}"
 
 
@@ -98,7 +98,7 @@ def _scenarios(prop: Property) -> Iterator[Scenario]:
         yield from scenarios(alternative, limit=_SCENARIOS)
 
 
-def _lacking(known: Iterable[str], scenario: Scenario, part: Without) -> str:
+def _lacking(known: Iterable[str], scenario: Scenario, part: WithoutEvent) -> str:
     """Return what is wrong with a clause in a scenario, or an empty text."""
     inside = frozenset(scenario.events_below(part))
     own = [number for number, event in enumerate(scenario.events) if event in inside]
@@ -135,7 +135,7 @@ class _Bound(NamedTuple):
     silent: bool
 
 
-def _is_surely_bound(prop: Property, clause: Without) -> bool:
+def _is_surely_bound(prop: Property, clause: WithoutEvent) -> bool:
     bound = _bound(prop)
     own = bound[clause]
     before = _bound_before(prop, bound)[clause]
@@ -162,7 +162,7 @@ def _bound(prop: Property) -> Mapping[Part, _Bound]:
                 leading = busy[:1] if busy and not busy[0].silent else busy
                 first = frozenset.intersection(*(one.first for one in leading)) if leading else _NONE
                 found[part] = _Bound(union, first, silent)
-            case All() | EndInOrder() | Within() | Without():
+            case All() | EndInOrder() | Within() | WithoutEvent():
                 found[part] = _Bound(union, any_first, silent)
             case One():
                 surely = frozenset.intersection(*(one.surely for one in inner)) if inner else _NONE

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 from itertools import pairwise
 from typing import Final, NamedTuple, TypeAlias
 
-from rvaft.core.feasibility import ScenarioSpace, borne_surely, fewest_events
+from rvaft.core.feasibility import ScenarioSpace, borne_surely
 from rvaft.core.passes import MOST
 from rvaft.core.precedence import Edge, node_of
 from rvaft.core.property import Event, Kept, Times
+from rvaft.core.scenarios import fewest_events
 from rvaft.core.times import point_bounds
 from rvaft.model.event_time import TextFormat, TimeFormat
 from rvaft.model.expressions import guard_text

@@ -14,7 +14,7 @@ from rvaft.model.guards import (
     Guard,
     Operation,
     Operator,
-    Sort,
+    TermSort,
     TimePoint,
     variables,
     walk,
@@ -25,10 +25,10 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.rules.rule import RuleReport
 
-_NOUNS: Final[Mapping[Sort, str]] = {
-    Sort.NUMBER: "a number",
-    Sort.TEXT: "a text",
-    Sort.TRUTH: "true or false",
+_NOUNS: Final[Mapping[TermSort, str]] = {
+    TermSort.NUMBER: "a number",
+    TermSort.TEXT: "a text",
+    TermSort.TRUTH: "true or false",
 }
 """The sorts that a declared type or a literal fixes."""
 
@@ -60,7 +60,7 @@ def _possible(value: Json, type_: ValueType, tree: RVAFT) -> bool:
     return value is None or has_type(value, type_, tree.time)
 
 
-def _mismatches(guard: Guard | None, known: Mapping[str, set[Sort]]) -> Iterator[str]:
+def _mismatches(guard: Guard | None, known: Mapping[str, set[TermSort]]) -> Iterator[str]:
     """Yield the parts of a guard that are false or undefined for all values of the known sorts."""
     for part in walk(guard):
         if not isinstance(part, Operation):
@@ -80,22 +80,22 @@ def _mismatches(guard: Guard | None, known: Mapping[str, set[Sort]]) -> Iterator
                     yield f"{one} is {_NOUNS[first[1]]} and {other} is {_NOUNS[sort]}, so they do not compare"
 
 
-def _sort(term: Guard, known: Mapping[str, set[Sort]]) -> Sort:
+def _sort(term: Guard, known: Mapping[str, set[TermSort]]) -> TermSort:
     """Return the only possible sort of a term, or UNKNOWN."""
     match term:
         case Duration() | TimePoint():
-            return Sort.UNKNOWN
+            return TermSort.UNKNOWN
         case Literal(bool()):
-            return Sort.TRUTH
+            return TermSort.TRUTH
         case Literal(str()):
-            return Sort.TEXT
+            return TermSort.TEXT
         case Literal(int() | float()):
-            return Sort.NUMBER
+            return TermSort.NUMBER
         case Literal():
-            return Sort.NULL
+            return TermSort.NULL
         case Variable(name):
             sorts = known.get(name, set())
-            return next(iter(sorts)) if len(sorts) == 1 else Sort.UNKNOWN
+            return next(iter(sorts)) if len(sorts) == 1 else TermSort.UNKNOWN
         case Operation(operator):
             return OPERATORS[operator].gives
 

@@ -1,19 +1,22 @@
-"""What a valid tree satisfies: the rules whose findings are errors."""
+"""What a valid tree satisfies, the rules whose findings are errors; and valid trees from texts and files."""
 
+import os
 from collections.abc import Iterable
 from operator import attrgetter
-from typing import Any, Final
+from typing import Any, Final, Unpack
 from weakref import WeakKeyDictionary
 
 from rvaft.core.feasibility import ScenarioSpace
 from rvaft.core.restriction import alternatives, restrict
-from rvaft.errors import TreeError, one_of
+from rvaft.errors import TreeError, expect, one_of
 from rvaft.language.draft import Draft
+from rvaft.language.parser import TreeOptions, parse, parse_file
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT
 from rvaft.rules import absences, scenarios, structure, times
 from rvaft.rules.rule import Finding, Rule, Severity
 from rvaft.support.budget import Undecided
+from rvaft.support.collector import no_collections
 
 DRAFT_RULES: Final = (
     Rule("duplicate-setting", Severity.ERROR, structure.duplicate_setting),
@@ -119,3 +122,49 @@ def valid_part(tree: RVAFT, branch: int | None = None, kind: Kind | str | None =
         message = f"{name} has no feasible scenario: nothing can be detected there"
         raise TreeError(message, rule=error.rule, nodes=error.nodes) from error
     return part
+
+
+@no_collections()
+def loads(text: str, file: str = "<text>", **reading: Unpack[TreeOptions]) -> RVAFT:
+    """Return the tree in a text; imports are relative to the folder of `file`.
+
+    `confine_imports` refuses imports from outside that folder. `strict_galileo` refuses the dynamic
+    gates of Galileo, which are otherwise read as observed failures. `year` is for a format of times
+    that has none. Raises `LanguageError` for
+    invalid text and `TreeError` for a broken rule.
+
+    >>> loads("top sand a b;")
+    <RVAFT top: 3 nodes>
+    """
+    expect("the text of a tree", text, str, "a str")
+    return valid_tree(parse(text, file, **reading))
+
+
+@no_collections()
+def load(path: os.PathLike[str] | str, **reading: Unpack[TreeOptions]) -> RVAFT:
+    """Return the tree in a file, also in Galileo's format; raises `OSError` and the errors of
+    `loads`.
+
+    >>> load("trees/gates/and.rvaft")
+    <RVAFT top: 4 nodes>
+    """
+    expect("the path of a tree", path, str | os.PathLike, "a str or a path")
+    return valid_tree(parse_file(path, **reading))
+
+
+def valid_tree(draft: Draft) -> RVAFT:
+    """Return the tree of a draft; raises `TreeError` for a broken rule."""
+    _raise_first(check_draft(draft))
+    tree = draft.build()
+    try:
+        require_valid(tree)  # caches the result
+    except TreeError:
+        _raise_first(findings(TREE_ERRORS, ScenarioSpace(tree)))
+        raise
+    return tree
+
+
+def _raise_first(findings: Iterable[Finding]) -> None:
+    for finding in findings:
+        if finding.severity is Severity.ERROR:
+            raise TreeError(f"{finding.place}: {finding.message}", rule=finding.code, nodes=finding.nodes)

@@ -6,6 +6,6 @@ may import it. It implements equality, matching, guards, scenarios, branches and
 
 from rvaft.semantics.matches import matches
 from rvaft.semantics.reference import Reference
-from rvaft.semantics.scenarios import Scenario, branches, feasible_scenarios, scenarios
+from rvaft.semantics.scenarios import ReferenceScenario, branches, feasible_scenarios, scenarios
 
-__all__ = ["Reference", "Scenario", "branches", "feasible_scenarios", "matches", "scenarios"]
+__all__ = ["Reference", "ReferenceScenario", "branches", "feasible_scenarios", "matches", "scenarios"]

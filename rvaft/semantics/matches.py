@@ -18,7 +18,7 @@ from rvaft.semantics.reference import (
     relevant,
     unbroken,
 )
-from rvaft.semantics.scenarios import Scenario
+from rvaft.semantics.scenarios import ReferenceScenario
 
 Match = frozenset[tuple[str, int]]
 """The events of a match as pairs of a node and a position (from 1)."""
@@ -31,7 +31,7 @@ def matches(
     *,
     branch: int | None = None,
     kind: Kind | None = None,
-    scenarios: Sequence[Scenario] | None = None,
+    scenarios: Sequence[ReferenceScenario] | None = None,
     limit: int = 10_000,
 ) -> frozenset[Match]:
     """Return every match of a feasible scenario in a trace.
@@ -86,7 +86,7 @@ def _windows(tree: RVAFT, semantics: Semantics, trace: Sequence[Any], size: int)
 
 
 def _served(
-    scenario: Scenario, trace: Sequence[Any], positions: Sequence[int], past: Sequence[TraceStep], limit: int
+    scenario: ReferenceScenario, trace: Sequence[Any], positions: Sequence[int], past: Sequence[TraceStep], limit: int
 ) -> Iterator[tuple[Match | None, int]]:
     """Iterate over the matches, each with the number of events tried since the last match.
 

@@ -24,7 +24,7 @@ from rvaft.core.property import (
     Source,
     Times,
     Within,
-    Without,
+    WithoutEvent,
 )
 from rvaft.model.guards import TimePoint, walk
 from rvaft.model.nodes import Side
@@ -156,9 +156,9 @@ class _Scenario:
         return frozenset() if whole is None or whole not in self.kept else frozenset(self.below(whole))
 
     @cached_property
-    def absences(self) -> list[tuple[Without, frozenset[Occurrence]]]:
+    def absences(self) -> list[tuple[WithoutEvent, frozenset[Occurrence]]]:
         """The absent events, each with the events of its part."""
-        return [(part, frozenset(self.below(part))) for part in self.kept if isinstance(part, Without)]
+        return [(part, frozenset(self.below(part))) for part in self.kept if isinstance(part, WithoutEvent)]
 
     @property
     def feasible(self) -> bool:
@@ -214,7 +214,7 @@ class _Absence(NamedTuple):
     `last` is None while events of the part are lacking.
     """
 
-    clause: Without
+    clause: WithoutEvent
     first: int
     last: int | None
     times: list[int]

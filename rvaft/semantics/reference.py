@@ -23,7 +23,7 @@ from rvaft.semantics.events import (
     same,
     time_of,
 )
-from rvaft.semantics.scenarios import Resolution, Scenario, branches, feasible_scenarios, of_branch
+from rvaft.semantics.scenarios import ReferenceScenario, Resolution, branches, feasible_scenarios, of_branch
 
 
 class Partial(NamedTuple):
@@ -190,7 +190,7 @@ class Reference(Monitor):
         return partial.assigned == self.scenarios[partial.scenario].occurrences
 
 
-def observed(scenario: Scenario, occurrence: str, event: Any, binding: Binding) -> list[Binding]:
+def observed(scenario: ReferenceScenario, occurrence: str, event: Any, binding: Binding) -> list[Binding]:
     """Return the binding extended in each way in which the event is that of an occurrence.
 
     Clause: each of the counted events has its own value of a variable of `distinct` or `each`.
@@ -200,7 +200,7 @@ def observed(scenario: Scenario, occurrence: str, event: Any, binding: Binding) 
     return [{f"{n}#{occurrence}" if n in node.own_values else n: v for n, v in one.items()} for one in found]
 
 
-def guards_hold(scenario: Scenario, partial: Partial) -> bool:
+def guards_hold(scenario: ReferenceScenario, partial: Partial) -> bool:
     """Clause: guards all of whose variables and time points are known hold.
 
     Clause: a point is known when all events of its part are there, and undefined where one of their times is.
@@ -228,7 +228,7 @@ def guards_hold(scenario: Scenario, partial: Partial) -> bool:
     return True
 
 
-def _own_values(scenario: Scenario, partial: Partial, node: Node) -> list[dict[str, Any]]:
+def _own_values(scenario: ReferenceScenario, partial: Partial, node: Node) -> list[dict[str, Any]]:
     """Return the values that each event of a counted leaf has for itself; one entry for other nodes."""
     if not node.own_values:
         return [{}]
@@ -246,7 +246,7 @@ def _differ(pairs: Sequence[tuple[Any, Any]]) -> bool:
     return False
 
 
-def unbroken(scenario: Scenario, partial: Partial, past: Sequence[TraceStep]) -> bool:
+def unbroken(scenario: ReferenceScenario, partial: Partial, past: Sequence[TraceStep]) -> bool:
     """Return whether no position breaks a `without`, as far as the events of its part are there.
 
     Clause: a position breaks the clause if the match does not use it, its event is not late, matches,
@@ -286,7 +286,7 @@ def _matches(tree: RVAFT, clause: Without, event: Any, binding: Binding) -> bool
     return any(clause.when is None or holds(clause.when, one) for one in found)
 
 
-def decided(scenario: Scenario, partial: Partial, past: Sequence[TraceStep]) -> bool:
+def decided(scenario: ReferenceScenario, partial: Partial, past: Sequence[TraceStep]) -> bool:
     """Clause: true needs a match all of whose clauses are decided."""
     return all(
         clause.side is not Side.AFTER or decision(scenario, partial, past, clause, events) is not None
@@ -295,7 +295,7 @@ def decided(scenario: Scenario, partial: Partial, past: Sequence[TraceStep]) -> 
 
 
 def decision(
-    scenario: Scenario, partial: Partial, past: Sequence[TraceStep], clause: Without, events: frozenset[str]
+    scenario: ReferenceScenario, partial: Partial, past: Sequence[TraceStep], clause: Without, events: frozenset[str]
 ) -> int | None:
     """Return the place that decides `for D after`, or None.
 
@@ -309,7 +309,7 @@ def decision(
     return next((place for place in later if (own := past[place].time) is not None and own > limit), None)
 
 
-def _clauses(scenario: Scenario) -> Iterator[tuple[Without, frozenset[str]]]:
+def _clauses(scenario: ReferenceScenario) -> Iterator[tuple[Without, frozenset[str]]]:
     for node in scenario.nodes:
         for clause in node.without:
             yield clause, scenario.events(node.name)
@@ -328,7 +328,7 @@ def relevant(tree: RVAFT, event: Any) -> bool:
             return False
     if tree.restricted:
         return any(_served(entry, event) for entry in tree.alphabet)
-    for node in Scenario(tree, {name: node.children for name, node in tree.nodes.items()}).part(tree.root):
+    for node in ReferenceScenario(tree, {name: node.children for name, node in tree.nodes.items()}).part(tree.root):
         if _relevant_to(tree, node, event):
             return True
     return False
@@ -348,7 +348,7 @@ def _served(entry: Relevant, event: Any) -> bool:
     return any(entry.when is None or holds(entry.when, one) for one in found)
 
 
-def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Scenario]:
+def chosen_scenarios(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[ReferenceScenario]:
     """Return the feasible scenarios of the selected branches.
 
     Raises `TreeError` if there is none or a guard is unbound.
@@ -379,7 +379,7 @@ def _chosen(tree: RVAFT, branch: int | None, kind: Kind | None) -> list[Resoluti
     return chosen
 
 
-def _check_scenario(scenario: Scenario) -> None:
+def _check_scenario(scenario: ReferenceScenario) -> None:
     if scenario.points and scenario.tree.time is None:
         raise TreeError("a condition on time in a tree without `time`", rule="no-time")
     for point, events in scenario.points.items():
@@ -396,7 +396,7 @@ def _check_scenario(scenario: Scenario) -> None:
         raise TreeError("a feasible scenario has no occurrence", rule="silent-scenario")
 
 
-def _check_clause(scenario: Scenario, clause: Without, events: frozenset[str]) -> None:
+def _check_clause(scenario: ReferenceScenario, clause: Without, events: frozenset[str]) -> None:
     """Clause: shared variables must be bound when they are needed: without `after` by each occurrence
     that may come first or one before it, with `after` by an occurrence of the part or one before it.
     """

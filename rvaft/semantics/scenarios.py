@@ -48,7 +48,7 @@ def branch_choices(node: Node) -> Iterable[tuple[str, ...]]:
 
 
 @dataclass(frozen=True)
-class Scenario:
+class ReferenceScenario:
     """Clause: a scenario is a labelled partial order of occurrences plus guards."""
 
     tree: RVAFT
@@ -196,12 +196,12 @@ def _closed(occurrences: frozenset[str], pairs: set[tuple[str, str]]) -> Order:
     return {occurrence: frozenset(found) for occurrence, found in before.items()}
 
 
-def scenarios(tree: RVAFT) -> list[Scenario]:
+def scenarios(tree: RVAFT) -> list[ReferenceScenario]:
     """Return all scenarios, including infeasible ones."""
-    return [Scenario(tree, kept) for kept in resolutions(tree, scenario_choices)]
+    return [ReferenceScenario(tree, kept) for kept in resolutions(tree, scenario_choices)]
 
 
-def feasible_scenarios(tree: RVAFT) -> list[Scenario]:
+def feasible_scenarios(tree: RVAFT) -> list[ReferenceScenario]:
     """Clause: infeasible scenarios are dropped."""
     return [scenario for scenario in scenarios(tree) if scenario.feasible]
 
@@ -225,7 +225,7 @@ def branches(tree: RVAFT) -> list[Resolution]:
     return sorted(resolutions(tree, branch_choices), key=digits)
 
 
-def of_branch(scenario: Scenario, branch: Resolution) -> bool:
+def of_branch(scenario: ReferenceScenario, branch: Resolution) -> bool:
     """Whether the scenario resolves its `or` gates as the branch does."""
     ors = [name for name in scenario.kept if scenario.tree.nodes[name].gate is Gate.OR]
     return all(branch.get(name) == scenario.kept[name] for name in ors)

@@ -25,9 +25,10 @@ from rvaft.readers.log import Batch
 from rvaft.stream.bulk import Groups
 from rvaft.stream.dispatch import Dispatch
 from rvaft.stream.order import NUMBERS, Place
-from rvaft.stream.run import KeyValues, Placed, TraceRun, Turn
+from rvaft.stream.run import TraceRun
 from rvaft.stream.sources import LogReading, Source, reading_of
 from rvaft.stream.statistics import EventKind
+from rvaft.stream.trace_progress import KeyValues, Placed, Turn
 
 WHOLE: Final = 1_000_000
 """Maximum number of events of a log that backends read as a whole."""

@@ -28,8 +28,9 @@ from rvaft.stream.follow import FollowedFile
 from rvaft.stream.monitor_set import MonitorSet
 from rvaft.stream.order import Ordering
 from rvaft.stream.plan import TIME, MonitoringPlan
-from rvaft.stream.run import TraceRun, Turn
+from rvaft.stream.run import TraceRun
 from rvaft.stream.statistics import EventKind, EventTypeIndex
+from rvaft.stream.trace_progress import Turn
 from rvaft.support.files import opened
 
 ENABLED: Final = True

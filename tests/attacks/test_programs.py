@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from backends.c.library import compile_c, compiler
+from backends.c.library import compiler
 from backends.c.log import _functions
 from rvaft import NotExpressible, Semantics, load, loads, translate
+from tests.backends.c.programs import compile_strictly
 from tests.cli.runs import COMMAND, SAND, TREES, UNBOUND, failed, run, written
 from tests.tables import sampled
 
@@ -207,7 +208,6 @@ STRANGE = r"""event "e*/ int x; /*"(n, u) = { "k*/\"\\??/": n, "é\u202e": u };
 "top*/ \" \\ ??/ é \u001b" sand "a/*" "b??/";
 "a/*" on "e*/ int x; /*"("v*/ \" \\ ??/\n é\u0000 \u202e ??' trigraph", U) label "*/ la\"b??/\\el";
 "b??/" on "e*/ int x; /*"(V, U) when like(V, "*/ \"??/\\é*") or V != "x*/";"""
-WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-c")
 MACROS = ((), ("-DRVAFT_MAIN=1", "-DRVAFT_PLACES=1"), ("-DRVAFT_JSON=0",), ("-DRVAFT_PLACES=1",))
 SHIPPED = sorted(path for path in TREES.rglob("*.rvaft") if path != UNBOUND)
 
@@ -219,7 +219,7 @@ def test_strange_names_compile_without_warnings(name: str, macros: tuple[str, ..
         pytest.skip(f"needs {name}")
     for semantics in (Semantics.SCATTERED, Semantics.STRICT):
         text = translate(loads(STRANGE), "c", semantics=semantics).text
-        compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *macros), command=[name])
+        compile_strictly(text, tmp_path, *macros, compiler=name)
 
 
 @pytest.mark.parametrize("name", ["gcc", "clang"])
@@ -233,4 +233,4 @@ def test_shipped_trees_compile_without_warnings(tree: Path, semantics: Semantics
     except NotExpressible:
         return
     for macros in MACROS:
-        compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *macros), command=[name])
+        compile_strictly(text, tmp_path, *macros, compiler=name)

@@ -9,9 +9,10 @@ from backends.conformance.trees import GROUPS
 from rvaft import Backend, Metrics, NotExpressible, Semantics, ToolFailed, loads, translate
 from rvaft.backend import SpecificationText, backend
 from rvaft.capabilities import EVERY_OPERATOR, GATES, JSON_VALUES, Feature, Ties, Value, described, table
-from rvaft.core.passes import expand_times, order_ends, windows_to_guards
+from rvaft.core.passes import expand_times
 from rvaft.core.property import PARTS, All, Condition, Event, Property
 from rvaft.core.restriction import restrict
+from rvaft.core.time_order import order_ends, windows_to_guards
 from rvaft.errors import Cause, Reason, WrongType, cannot, unwritten
 from rvaft.language.parser import parse_guard
 from rvaft.model.guards import Operation, Operator, definition, walk

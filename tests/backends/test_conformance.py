@@ -101,10 +101,10 @@ REQUIRED: dict[str, Required] = {name: required(name) for name in NEEDED}
 
 EXAMPLES = tuple(examples())
 ROWS = tuple(conformance.rows())
-SAMPLE = (*ROWS[::2], *[one for one in EXAMPLES if not one.detects][::24])
-"""Every second operator and construct, and a few other examples."""
-MOST = (*ROWS, *[one for one in EXAMPLES if not one.detects][::2])
-"""Each operator and each construct, and every second other example."""
+SAMPLE = (*ROWS[::3], *[one for one in EXAMPLES if not one.detects][::36])
+"""Every third operator and construct, and a few other examples."""
+MOST = (*ROWS, *[one for one in EXAMPLES if not one.detects][::4])
+"""Each operator and each construct, and every fourth other example."""
 
 
 SAMPLES = [
@@ -142,15 +142,26 @@ def test_random_trees(translator: Backend, shape: str, count: int) -> None:
     assert compared >= (least if Verdict.FALSE in translator.verdicts else 1) * count // 12
 
 
-@pytest.mark.parametrize("whole", part_and_whole(False, True))
-def test_hand_written_cases(translator: Backend, whole: bool) -> None:
-    """On their own traces, a part of them in `make test`; whole trees also on random ones, under each semantics."""
+@pytest.mark.parametrize(
+    ("of_trees", "of_semantics"),
+    [
+        pytest.param(5, 0, marks=pytest.mark.sample),
+        pytest.param(1, 3, marks=pytest.mark.ci),
+        pytest.param(1, 1, marks=pytest.mark.slow),
+    ],
+)
+def test_hand_written_cases(translator: Backend, of_trees: int, of_semantics: int) -> None:
+    """On their own traces, and whole trees also on random ones.
+
+    One tree in so many, and random traces under one semantics in so many, if any; others for each tree.
+    """
     trees = [*dict.fromkeys((case.tree, case.branch, case.kind) for case in CASES)]
-    for text, branch, kind in trees if whole else trees[2::3]:
+    for place, (text, branch, kind) in enumerate(trees[::of_trees]):
         tree = restrict(loads(text), branch=branch, kind=kind)
-        random = [random_trace(Random(seed), tree) for seed in range(2)] if whole and tree.part_of is None else []
+        drawn = [random_trace(Random(seed), tree) for seed in range(2)] if tree.part_of is None else []
         cases = [case for case in CASES if (case.tree, case.branch, case.kind) == (text, branch, kind)]
-        for semantics in Semantics:
+        for turn, semantics in enumerate(Semantics, place):
+            random = drawn if of_semantics and turn % of_semantics == 0 else []
             own = [case.events for case in cases if case.semantics == semantics]
             late = tree.time is not None and tree.time.late is not None
             narrow = translator.name in ("rml", "c") or Verdict.FALSE not in translator.verdicts

@@ -14,7 +14,7 @@ from rvaft import RVAFT, NotExpressible, RvaftError, Semantics, TooLarge, Verdic
 from rvaft.backend import backend
 from rvaft.rules.validity import require_valid
 from rvaft.semantics import Reference
-from tests.tables import part_and_whole
+from tests.tables import part_and_whole, sampled
 
 TYPED: Final = "".join(
     f'event {k}(u: text, v: integer, w: integer) = {{ k: "{k}", u: u, v: v, w: w }}; ' for k in "abc"
@@ -103,8 +103,8 @@ def test_counted_leaves_of_random_trees(name: str, count: int) -> None:
         seen.update(
             {"detected": any(wanted), "one row": any(one in specification.text for one in ("count_1", "prev("))}
         )
-    assert seen["detected"] > count // 5
-    assert seen["one row"] > count // 5
+    assert seen["detected"] >= count // 5
+    assert seen["one row"] >= count // 5
 
 
 DISTINCT: Final = "f on a(U, V, _) times 3 distinct V;"
@@ -141,7 +141,7 @@ FAULTS: Final = {
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", sampled(FAULTS, 4))
 def test_a_wrong_count_is_found(fault: str) -> None:
     languages, leaf_, right, wrong = FAULTS[fault]
     tree = loads(f"{TYPED}assume types, present, order 0 s; time t as ns; toplevel top; top and f within 3 ns; {leaf_}")

@@ -14,13 +14,13 @@ from cross_check.generate.trees import PLAIN, VARIABLE_FREE, random_tree
 from rvaft import RVAFT, Causality, Gate, Node, Semantics, TooLarge, TreeError, dumps, loads
 from rvaft.backend import backend
 from rvaft.core.build import build
-from rvaft.core.passes import order_ends
 from rvaft.core.property import parts_below
+from rvaft.core.time_order import order_ends
 from tests.backends.texts import flat, needs_spot, signs, tree
 from tests.tables import rows, sampled
 
 
-@pytest.mark.parametrize(("name", "text", "semantics", "limit", "what"), sampled(rows(__file__, "limits.txt"), 5))
+@pytest.mark.parametrize(("name", "text", "semantics", "limit", "what"), sampled(rows(__file__, "limits.txt"), 11))
 def test_what_is_too_large(name: str, text: str, semantics: str, limit: int | None, what: str) -> None:
     made, start = tree(text), process_time()
     with pytest.raises(TooLarge) as error:
@@ -60,7 +60,7 @@ def test_an_event_that_takes_too_many_steps_is_too_large() -> None:
     assert process_time() - start < 10
 
 
-@pytest.mark.parametrize(("name", "text", "semantics", "limit", "sizes"), rows(__file__, "sizes.txt"))
+@pytest.mark.parametrize(("name", "text", "semantics", "limit", "sizes"), sampled(rows(__file__, "sizes.txt"), 3))
 def test_sizes(name: str, text: str, semantics: str, limit: int | None, sizes: dict[str, int | None]) -> None:
     made, start = tree(text), process_time()
     metrics = backend(name).translate(made, Semantics(semantics), limit=limit).metrics

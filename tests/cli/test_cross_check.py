@@ -24,7 +24,7 @@ from rvaft import load, translate
 from rvaft.support.confinement import can_confine
 from tests.backends.texts import needs_compiler
 from tests.cli.runs import PRUNED, children, run, soon, started, written
-from tests.tables import rows
+from tests.tables import rows, sampled
 
 HAS_SPOT = find_spec("spot") is not None
 SAND = "toplevel r; r sand a b; a; b;"
@@ -45,6 +45,7 @@ def compared(folder: Path, *args: object) -> tuple[Result, list[dict[str, Any]]]
     return result, json.loads((folder / "out.json").read_text())["results"]
 
 
+@pytest.mark.ci
 @pytest.mark.spot
 @pytest.mark.skipif(not HAS_SPOT, reason="needs Spot")
 def test_what_is_proved(sand: Path, tmp_path: Path) -> None:
@@ -136,7 +137,7 @@ def test_a_shared_variable_that_a_guard_refuses_proves_nothing(tmp_path: Path) -
         assert {one["status"] for one in found if one["participant"] == "engine"} == {"tested"}
 
 
-@pytest.mark.parametrize("suffix", [".rml", ".ltlf", ".hoa", ".rvaft"])
+@pytest.mark.parametrize("suffix", sampled([".rml", ".ltlf", ".hoa", ".rvaft"], 4))
 def test_another_specification_of_the_same_tree_is_proved_equal(sand: Path, tmp_path: Path, suffix: str) -> None:
     name = {".rml": "rml", ".ltlf": "ltlf", ".hoa": "automaton", ".rvaft": None}[suffix]
     if name in ("ltlf", "automaton") and not HAS_SPOT:
@@ -244,7 +245,7 @@ def test_a_rule_of_elastic(old: str, new: str, status: int, message: str, tmp_pa
     assert message in result.output
 
 
-@pytest.mark.parametrize(("tree", "text", "status", "said"), rows(__file__, "against.txt"))
+@pytest.mark.parametrize(("tree", "text", "status", "said"), sampled(rows(__file__, "against.txt"), 4))
 def test_a_text_of_a_person(
     tree: str, text: tuple[str, str], status: int, said: dict[str, bool], tmp_path: Path
 ) -> None:

@@ -9,8 +9,8 @@ OPERATOR: Final[Recipe] = {
     "table": [
         Edit(
             "rvaft/model/guards.py",
-            '    _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, Sort.NUMBER, None),\n',
-            '    _O.LENGTH: OperatorFacts(8, "length", _texts(len), _STRINGS, Sort.NUMBER, 1),\n',
+            '    _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, TermSort.NUMBER, None),\n',
+            '    _O.LENGTH: OperatorFacts(8, "length", _texts(len), _STRINGS, TermSort.NUMBER, 1),\n',
         )
     ],
     "grammar": [Edit("rvaft/language/grammar.lark", "FUNCTION    : /(?:", "length|")],
@@ -40,8 +40,8 @@ DEFINED: Final[Recipe] = {
     "table": [
         Edit(
             "rvaft/model/guards.py",
-            '    _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, Sort.NUMBER, None),\n',
-            f'    _O.BETWEEN: OperatorFacts(8, "between", None, _ORDERED, Sort.TRUTH, 3, {_MEANS}),\n',
+            '    _O.MAX: OperatorFacts(8, "max", _calculating(max), _NUMERALS, TermSort.NUMBER, None),\n',
+            f'    _O.BETWEEN: OperatorFacts(8, "between", None, _ORDERED, TermSort.TRUTH, 3, {_MEANS}),\n',
         )
     ],
     "grammar": [Edit("rvaft/language/grammar.lark", "FUNCTION    : /(?:", "between|")],

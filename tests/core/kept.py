@@ -2,7 +2,7 @@
 
 from rvaft import RVAFT
 from rvaft.core.property import Kept, Property
-from rvaft.semantics import Scenario
+from rvaft.semantics import ReferenceScenario
 
 
 def names(tree: RVAFT, kept: Kept) -> dict[str, tuple[str, ...]]:
@@ -21,7 +21,7 @@ def names(tree: RVAFT, kept: Kept) -> dict[str, tuple[str, ...]]:
     }
 
 
-def parts_of(prop: Property, scenario: Scenario) -> Kept:
+def parts_of(prop: Property, scenario: ReferenceScenario) -> Kept:
     """The kept parts of a scenario of the reference, outer parts first."""
     wanted = {(name, child) for name, children in scenario.kept.items() for child in children}
     kept = {}

@@ -30,7 +30,7 @@ from rvaft.model.guards import (
     Guard,
     Operation,
     Operator,
-    Sort,
+    TermSort,
     conjuncts,
     expanded,
     folded,
@@ -114,20 +114,20 @@ def test_a_definition_is_used_where_all_of_its_operators_are_known() -> None:
     assert expanded(deep, {Operator.OR, Operator.EQ}) is deep
 
 
-SORTED: dict[Sort, tuple[Any, ...]] = {
-    Sort.NUMBER: (0, 1, 2, 0.5, -1),
-    Sort.TEXT: ("", "a", "b"),
-    Sort.TRUTH: (True, False),
-    Sort.UNKNOWN: (0, 1, "a", "b", True, False, [], [1]),
+SORTED: dict[TermSort, tuple[Any, ...]] = {
+    TermSort.NUMBER: (0, 1, 2, 0.5, -1),
+    TermSort.TEXT: ("", "a", "b"),
+    TermSort.TRUTH: (True, False),
+    TermSort.UNKNOWN: (0, 1, "a", "b", True, False, [], [1]),
 }
 
 
 def is_met(condition: TruthCondition, binding: dict[str, Any]) -> bool:
     """Whether a condition is met, by the meaning of each test."""
 
-    def sort_of(term: Guard) -> Sort | None:
+    def sort_of(term: Guard) -> TermSort | None:
         found = value(term, binding)
-        kinds = {bool: Sort.TRUTH, int: Sort.NUMBER, float: Sort.NUMBER, str: Sort.TEXT}
+        kinds = {bool: TermSort.TRUTH, int: TermSort.NUMBER, float: TermSort.NUMBER, str: TermSort.TEXT}
         return kinds.get(type(found))
 
     def met(test: ConditionTest) -> bool:
@@ -171,12 +171,12 @@ def test_the_conditions_of_a_guard(seed: int) -> None:
         ('contains(X, "a") or X < "b" or X == "c"', {}, 'contains(X, "a") | X < "b" | X = "c"'),
         ('contains(X, "a") or X == 1', {}, 'contains(X, "a") | (contains(X, "a") & X = 1)'),
         ("X < 1 or Y > 2", {}, "X < 1 | (X >= 1 & Y > 2)"),
-        ("X < 1 or Y > 2", {"X": Sort.NUMBER}, "X < 1 | Y > 2"),
-        ("X < true or Y", {"X": Sort.TRUTH}, ""),
+        ("X < 1 or Y > 2", {"X": TermSort.NUMBER}, "X < 1 | Y > 2"),
+        ("X < true or Y", {"X": TermSort.TRUTH}, ""),
     ],
 )
 def test_an_earlier_operand_is_not_tested_where_a_later_one_implies_that_it_is_defined(
-    guard: str, sorts: dict[str, Sort], text: str
+    guard: str, sorts: dict[str, TermSort], text: str
 ) -> None:
     def spell(test: ConditionTest) -> str:
         match test:

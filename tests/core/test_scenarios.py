@@ -10,21 +10,21 @@ import pytest
 
 from rvaft import RVAFT, TooLarge
 from rvaft.core.build import build
-from rvaft.core.feasibility import Resolutions, ScenarioSpace, fewest_events, inevitable, most_scenarios
+from rvaft.core.feasibility import Resolutions, ScenarioSpace, inevitable
 from rvaft.core.precedence import Edge, path, precedence, standstill
 from rvaft.core.property import EndInOrder, Property, Source
 from rvaft.core.restriction import restrict_property
-from rvaft.core.scenarios import resolutions
+from rvaft.core.scenarios import fewest_events, most_scenarios, resolutions
 from rvaft.core.scenarios import scenarios as of_property
 from rvaft.model.guards import holds, variables
 from rvaft.model.tree import find_cycle
-from rvaft.semantics import Scenario, branches, feasible_scenarios, scenarios
+from rvaft.semantics import ReferenceScenario, branches, feasible_scenarios, scenarios
 from rvaft.semantics.scenarios import of_branch
 from rvaft.support.budget import Budget, Undecided
 from tests.core.kept import names, parts_of
 from tests.core.trees import random_tree, small_trees
 
-Sample: TypeAlias = list[tuple[Random, RVAFT, list[Scenario]]]
+Sample: TypeAlias = list[tuple[Random, RVAFT, list[ReferenceScenario]]]
 Meaning: TypeAlias = tuple[frozenset[str], frozenset[tuple[str, str]], frozenset[str]]
 """The nodes with events, the pairs of them that are ordered, and the nodes with a guard over variables."""
 
@@ -35,7 +35,7 @@ def sample(request: pytest.FixtureRequest) -> Sample:
     return [(random, tree, scenarios(tree)) for tree in (random_tree(random) for _ in range(100))]
 
 
-def is_dead(scenario: Scenario) -> bool:
+def is_dead(scenario: ReferenceScenario) -> bool:
     guards = [node.when for node in scenario.nodes if node.when is not None and not variables(node.when)]
     return not all(holds(guard, {}) for guard in guards)
 
@@ -47,7 +47,7 @@ def edges_of(space: ScenarioSpace) -> list[tuple[str, str, Edge]]:
     return [(name, child, (space.gate[name], space.whole[child])) for name, child in pairs]
 
 
-def of_reference(scenarios: list[Scenario]) -> set[Meaning]:
+def of_reference(scenarios: list[ReferenceScenario]) -> set[Meaning]:
     return {
         (
             scenario.occurrences,

@@ -161,6 +161,7 @@ def check_nodes(tree: RVAFT, events: Events, semantics: str, coverage: Coverage)
     assert report.seen + len(report.unseen) == report.nodes == len(reached & set(tree.occurrences))
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("semantics", SEMANTICS)
 def test_of_several_logs_the_best_counts(semantics: str) -> None:
     """And the first of the best is named."""

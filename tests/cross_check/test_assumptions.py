@@ -50,6 +50,7 @@ def compared(assumption: Assumption, *, declared: bool) -> Result:
     return next(one for one in found if one.participant == "planted")
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("assumption", PLANTED)
 def test_a_silent_assumption_is_caught(assumption: Assumption) -> None:
     result = compared(assumption, declared=False)

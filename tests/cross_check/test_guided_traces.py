@@ -62,6 +62,7 @@ def test_guided_traces_detect_without_a_monitor_being_asked(shape: str, monkeypa
             assert trace is None or Verdict.TRUE in verdicts(tree, semantics, trace)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", shipped.names())
 def test_shipped_trees(name: str) -> None:
     tree = shipped.load(name)
@@ -331,6 +332,7 @@ def test_the_same_seed_gives_the_same_traces(semantics: Semantics) -> None:
     assert len({all_of(seed) for seed in (0, 0, 1, 1, 2, 2, 3, 3)}) == 4
 
 
+@pytest.mark.ci
 @settings(max_examples=10, suppress_health_check=list(HealthCheck), database=None)
 @given(st.data(), strategies.semantics(), strategies.trees_with_guided_traces())
 def test_strategies(data: st.DataObject, semantics: Semantics, example: tuple[RVAFT, Semantics, list[Json]]) -> None:

@@ -140,6 +140,7 @@ def verdict(tree: RVAFT, semantics: Semantics, events: Sequence[Json]) -> Verdic
     return [Verdict.UNKNOWN, *map(reference.step, events)][-1]
 
 
+@pytest.mark.ci
 @given(trees_with_guided_traces(RICH))
 def test_every_edit_has_the_verdict_of_the_reference(case: tuple[RVAFT, Semantics, list[Json]]) -> None:
     tree, semantics, events = case

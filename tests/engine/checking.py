@@ -12,7 +12,7 @@ from rvaft.model.tree import RVAFT
 from rvaft.model.values import is_finite, key
 from rvaft.model.verdict import Semantics, Verdict
 from rvaft.monitors import Explanation
-from rvaft.semantics import Reference, Scenario, branches, feasible_scenarios
+from rvaft.semantics import Reference, ReferenceScenario, branches, feasible_scenarios
 from rvaft.semantics.events import time_of
 from rvaft.semantics.reference import Partial, TraceStep, decided, guards_hold, observed, relevant, unbroken
 from rvaft.semantics.scenarios import of_branch, resolutions, scenario_choices, several
@@ -132,7 +132,7 @@ def matched_occurrences(tree: RVAFT, explanation: Explanation) -> dict[str, int]
     return {several(tree, tree.nodes[one.node])[one.occurrence - 1]: one.event for one in explanation.matched}
 
 
-def _is_match(scenario: Scenario, explanation: Explanation, prefix: Trace) -> bool:
+def _is_match(scenario: ReferenceScenario, explanation: Explanation, prefix: Trace) -> bool:
     matched = matched_occurrences(scenario.tree, explanation)
     if scenario.occurrences != set(matched):
         return False

@@ -11,7 +11,7 @@ from rvaft.language.parser import parse
 from rvaft.model.tree import RVAFT
 from rvaft.model.verdict import Verdict
 from tests.engine.checking import compare, small_and_valid
-from tests.tables import sampled
+from tests.tables import part_and_whole, sampled
 
 LETTERS: Final = "abcdefgh"
 UNITS: Final = ("{}", "{}", "sand {} {}", "and {} {}", "sand {} {} within 3 s", "and {} {} within 2 s", "pand {} {}")
@@ -87,11 +87,12 @@ def trace(random: Random, tree: RVAFT) -> list[dict[str, Any]]:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
-def test_parts_are_joined_as_defined(seed: int) -> None:
+@pytest.mark.parametrize("count", part_and_whole(30, 120))
+def test_parts_are_joined_as_defined(seed: int, count: int) -> None:
     """Verdicts, explanations, and copies, which are in the same state and wait for the same."""
     random, detected, joined = Random(f"parts {seed}"), 0, 0
     found = trees(random)
-    for _ in range(120):
+    for _ in range(count):
         tree = next(found)
         for _ in range(3):
             events = trace(random, tree)
@@ -105,8 +106,8 @@ def test_parts_are_joined_as_defined(seed: int) -> None:
             assert (twin.state, twin.pending()) == (monitor.state, monitor.pending())
             if monitor.verdict.final:
                 break
-    assert detected > 20
-    assert joined > 20
+    assert detected > count // 6
+    assert joined > count // 6
 
 
 CHOOSING: Final = {

@@ -121,6 +121,7 @@ def trace(random: Random, letters: str, *, long: bool = False) -> list[dict[str,
     return events
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 @pytest.mark.parametrize("shapes", sampled([(SHAPES,), (WINDOWS,)], 2), ids=["joins", "windows"])
 def test_joined_events(shapes: Sequence[str], seed: int) -> None:

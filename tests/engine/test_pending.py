@@ -113,7 +113,7 @@ def follow(tree: RVAFT, trace: Trace, semantics: str, kind: str | None = None) -
     return len(trace), False
 
 
-@pytest.mark.parametrize("shape", sampled([*SHAPES, *WILD], 4))
+@pytest.mark.parametrize("shape", sampled([*SHAPES, *WILD], 9, ci=2))
 @pytest.mark.parametrize("semantics", ["strict", "projected"])
 def test_pending_is_what_the_definition_says(shape: str, semantics: str) -> None:
     compared = ended = 0
@@ -150,7 +150,7 @@ def test_what_was_once_hard(tree: str, trace: list[dict[str, Any]]) -> None:
     assert follow(rvaft.loads(tree), trace, "strict") == (len(trace), False)
 
 
-@pytest.mark.parametrize("shape", sampled([*SHAPES, *WILD, "apart"], 4, ci=2))
+@pytest.mark.parametrize("shape", sampled([*SHAPES, *WILD, "apart"], 9, ci=4))
 def test_scattered_waits_for_nothing_else_and_for_all_that_matters(shape: str) -> None:
     """Partial matches that another can replace are not followed, so not all that the definition has is waited for.
 

@@ -24,7 +24,7 @@ NOISE = {"nothing": "of the tree"}
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("shape", sampled([*SHAPES, *WILD], 4, ci=2))
+@pytest.mark.parametrize("shape", sampled([*SHAPES, *WILD], 8, ci=3))
 def test_verdicts_and_explanations(shape: str, seed: int) -> None:
     random = Random(f"{shape} {seed}")
     count = 50 if seed else 6 if shape in SHAPES else 12
@@ -39,7 +39,7 @@ def test_verdicts_and_explanations(shape: str, seed: int) -> None:
                 compare(tree, dense_trace(random, SHAPES[shape], 9), semantics)
 
 
-@pytest.mark.parametrize(("shape", "semantics"), sampled(product(SHAPES, SEMANTICS), 23, ci=5))
+@pytest.mark.parametrize(("shape", "semantics"), sampled(product(SHAPES, SEMANTICS), 23, ci=9))
 def test_equal_states_have_equal_futures(shape: str, semantics: str) -> None:
     """Held against the reference too: the state must not forget what the meaning depends on."""
     random = Random(f"states {shape}")
@@ -65,7 +65,7 @@ def told_by(monitor: Engine) -> tuple[object, ...]:
     return monitor.verdict, monitor.state, monitor.explanation, monitor.pending(), monitor.ended
 
 
-@pytest.mark.parametrize(("shape", "semantics"), sampled(product([*SHAPES, *WILD], SEMANTICS), 9, ci=3))
+@pytest.mark.parametrize(("shape", "semantics"), sampled(product([*SHAPES, *WILD], SEMANTICS), 17, ci=7))
 def test_all_ways_to_the_same_events(shape: str, semantics: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Events read beforehand, events skipped, copies and pickles made in between, a memory that
     loses everything all the time.

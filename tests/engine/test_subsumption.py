@@ -139,6 +139,7 @@ def random_event(random: Random, values: Sequence[Any]) -> dict[str, Any]:
     return event | ({"w": random.choice(values)} if random.random() < 0.7 else {})
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 def test_nothing_is_lost(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Verdicts are those of the definition, and an explanation is a match of the lowest branch,

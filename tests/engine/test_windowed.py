@@ -29,7 +29,7 @@ LATE = {
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-@pytest.mark.parametrize("order", LATE)
+@pytest.mark.parametrize("order", sampled(LATE, 4))
 def test_verdicts_and_explanations(order: str, seed: int) -> None:
     late, disorder = LATE[order]
     random, detected = Random(f"{order} {seed}"), 0
@@ -84,6 +84,7 @@ def test_what_a_node_remembers(tree: str, word: str, late: str) -> None:
     assert engine.explanation.matched[-1].event == len(events)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("order", sampled(LATE, 4))
 def test_copies_and_pickles(order: str) -> None:
     late, disorder = LATE[order]

@@ -81,6 +81,7 @@ def trace_of(random: Random, tree: RVAFT, letters: str, semantics: Semantics) ->
     return trace
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 30))])
 @pytest.mark.parametrize("semantics", sampled(Semantics, 4, ci=2))
 def test_windows_and_ends_over_choices(semantics: Semantics, seed: int) -> None:

@@ -25,6 +25,7 @@ from tests.engine.checking import matched_occurrences, small_and_valid
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 from tests.export.geometry import drawn, needs_dot, overlaps
 from tests.export.trees import AWKWARD, PINNED, awkward, chain
+from tests.tables import sampled
 
 ROBOT = load(PINNED / "robot.rvaft")
 EVENTS = list(read(PINNED / "robot.jsonl"))
@@ -69,7 +70,7 @@ def test_a_reference_is_marked_where_the_scenario_comes_from() -> None:
     ]
 
 
-@pytest.mark.parametrize("shape", list(SHAPES))
+@pytest.mark.parametrize("shape", sampled(SHAPES, 4))
 @pytest.mark.parametrize("semantics", ["strict", "projected", "scattered"])
 def test_what_is_marked_is_a_scenario_of_the_reference(shape: str, semantics: str) -> None:
     """For the whole tree and for a kind: node by node, edge by edge."""

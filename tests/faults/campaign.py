@@ -45,6 +45,8 @@ MEMORY: Final = 4 << 30
 """Bytes that a mutant may take."""
 SECONDS: Final = 1.0, 0.04
 """Of processor time that it may take: once, and for each exercise and participant."""
+LIMIT: Final = 3_000
+"""Of a translation: only two of the exercises have more, and each would take as long as a hundred others."""
 BACKENDS: Final = ("automaton", "ltlf", "rml")
 ROOMS: Final[dict[str, tuple[tuple[str, ...], tuple[str, ...]]]] = {
     ENGINE: (("rvaft/engine",), (ENGINE,)),
@@ -109,7 +111,7 @@ def wrong(participants: Sequence[str], work: Sequence[Exercise]) -> str:
                 if participant == ENGINE:
                     monitor = rvaft.monitor(one.tree, semantics=one.semantics)
                 else:
-                    specification = rvaft.translate(one.tree, participant, semantics=one.semantics)
+                    specification = rvaft.translate(one.tree, participant, semantics=one.semantics, limit=LIMIT)
                     monitor, assumes = specification.monitor(), specification.assumes
             except (NotExpressible, TooLarge):
                 continue

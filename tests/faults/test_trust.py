@@ -21,6 +21,7 @@ def test_each_case_is_in_a_section_and_other_sections_are_tested_elsewhere() -> 
     ] == []
 
 
+@pytest.mark.ci
 def test_the_page_has_what_is_right_and_the_faults_that_are_found() -> None:
     (absent,) = (section for section in SECTIONS if section.title == "absent events")
     lines, right = trust.page([REFERENCE, ENGINE], [absent])

@@ -157,6 +157,7 @@ def test_a_wrong_tree_shows(participant: str, mistake: str) -> None:
     assert is_shown(participant, MISTAKES[mistake]), "no verdict differs"
 
 
+@pytest.mark.ci
 def test_a_run_without_arguments_finds_the_mistakes_of_the_engine() -> None:
     """Although each tree of the catalogue is compared under one semantics only."""
     pairs = [
@@ -176,6 +177,7 @@ def test_of_what_is_not_asked_nothing_can_be_said(participant: str) -> None:
     assert [name for name in UNSAID[participant] if is_shown(participant, MISTAKES[name]) is not None] == []
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("mistake", sampled(zip(MISREADINGS), 2))
 def test_a_wrong_reading_of_events_shows(mistake: str) -> None:
     assert is_shown(ENGINE, lambda tree: tree, misread=MISREADINGS[mistake]), "no verdict differs"

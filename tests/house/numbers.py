@@ -5,7 +5,7 @@ import io
 import re
 import tokenize
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -65,16 +65,28 @@ def imports(
         yield from ((name, inside, hidden) for name in dict.fromkeys(found) if name in known)
 
 
+def largest_circle(edges: Iterable[tuple[str, str, bool, bool]]) -> int:
+    """How many modules import each other, at most; 0 if none do."""
+    circles = networkx.strongly_connected_components(networkx.DiGraph([(a, b) for a, b, *_ in edges]))
+    largest = max(map(len, circles), default=0)
+    return largest if largest > 1 else 0
+
+
+def imported() -> list[tuple[str, str, bool, bool]]:
+    """Each import of the product: who imports what, whether inside a function, and by name or for types only."""
+    files = modules(*PRODUCT)
+    trees = ((name, ast.parse(path.read_text(encoding="utf-8"))) for name, path in files.items())
+    return [(name, *found) for name, tree in trees for found in imports(tree, files)]
+
+
 def measured() -> dict[str, int]:
     """The numbers as they are."""
     files, tests = modules(*PRODUCT), modules("tests")
     texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
     trees = {name: ast.parse(text) for name, text in texts.items()}
     lines = {name: len(text.splitlines()) for name, text in texts.items()}
-    edges = [(name, *found) for name, tree in trees.items() for found in imports(tree, files)]
-    circles = networkx.strongly_connected_components(networkx.DiGraph([(a, b) for a, b, *_ in edges]))
+    edges = imported()
     classes = Counter(node.name for tree in trees.values() for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
-    largest = max(map(len, circles), default=0)
     return {
         "product files": len(files),
         "product lines": sum(lines.values()),
@@ -83,7 +95,7 @@ def measured() -> dict[str, int]:
             lines[name] < SMALL for name, path in files.items() if path.stem != "__init__"
         ),
         "most files in one folder": max(Counter(path.parent for path in files.values()).values()),
-        "largest import circle": largest if largest > 1 else 0,
+        "largest import circle": largest_circle(edges),
         "imports of ours inside functions": sum(inner for _, _, inner, _ in edges),
         "imports of ours by name or for types only": sum(hidden for *_, hidden in edges),
         "class names used twice": sum(count > 1 for count in classes.values()),

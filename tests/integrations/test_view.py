@@ -102,6 +102,7 @@ BAD: Final = {
 }
 
 
+@pytest.mark.ci
 def test_whatever_comes_is_answered_and_the_page_goes_on(tmp_path: Path) -> None:
     with viewing(tmp_path) as (running, url, _):
         for sent, status in BAD.items():

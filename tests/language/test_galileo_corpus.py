@@ -18,7 +18,7 @@ from rvaft.export.drawing import draw
 from rvaft.export.galileo_text import losses
 from rvaft.language.parser import parse
 from rvaft.rules.registry import check
-from rvaft.semantics.scenarios import Resolution, Scenario, branches, of_branch, scenarios
+from rvaft.semantics.scenarios import ReferenceScenario, Resolution, branches, of_branch, scenarios
 from tests.cli.runs import run
 from tests.tables import rows
 
@@ -154,7 +154,7 @@ def _kept(resolution: Resolution) -> frozenset[object]:
     return frozenset((name, frozenset(children)) for name, children in resolution.items())
 
 
-def _orders(scenario: Scenario) -> frozenset[object]:
+def _orders(scenario: ReferenceScenario) -> frozenset[object]:
     return frozenset(frozenset(order.items()) for order in scenario.orders)
 
 

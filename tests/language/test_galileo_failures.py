@@ -15,7 +15,7 @@ from rvaft import RVAFT, Gate, LanguageError, TreeError, Verdict, load, monitor
 from rvaft.language.parser import parse
 from tests.language.failures import NEVER, FaultTree, failures, orders, random_spares, random_text, read
 from tests.language.test_galileo_corpus import FILES, needs_corpus
-from tests.tables import rows
+from tests.tables import rows, sampled
 
 MAX_PERMUTED = 4
 """The number of events of which all orders are tried."""
@@ -42,7 +42,7 @@ def agree(tree: RVAFT, facts: FaultTree, order: list[str]) -> int:
     return at
 
 
-@pytest.mark.parametrize(("text", "order", "position"), rows(__file__, "priority.txt"))
+@pytest.mark.parametrize(("text", "order", "position"), sampled(rows(__file__, "priority.txt"), 4))
 def test_priority_gates(text: str, order: str, position: int | None) -> None:
     tree, facts = parse(text, "tree.dft").build(), read(text)
     assert failures(facts, order.split())[facts.top] == (position or NEVER)

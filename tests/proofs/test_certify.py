@@ -489,7 +489,8 @@ def test_what_other_positions_and_own_values_need_is_not_certified(tree: str, re
 
 
 @built
-@pytest.mark.parametrize(("language", "seed"), sampled(product(LANGUAGES, range(6)), 18, ci=2))
+@pytest.mark.ci
+@pytest.mark.parametrize(("language", "seed"), sampled(product(LANGUAGES, range(6)), 36, ci=6))
 def test_random_trees_and_mistakes(language: str, seed: int) -> None:
     """Clause: what is certified has the verdicts of the tree; what differs has a trace of its nodes."""
     statuses: Counter[tuple[bool, int]] = Counter()
@@ -523,6 +524,7 @@ def test_random_trees_and_mistakes(language: str, seed: int) -> None:
     assert statuses[True, 1] == 0
 
 
+@pytest.mark.ci
 @built
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_most_random_trees_without_variables_are_certified(language: str) -> None:

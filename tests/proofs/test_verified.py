@@ -69,7 +69,8 @@ def test_the_rows_of_the_definition(case: Case) -> None:
     assert found is None or found == [tuple(map(Verdict, case.values))]
 
 
-@pytest.mark.parametrize(("number", "semantics"), sampled(((n, s) for n in range(12) for s in Semantics), 23, ci=3))
+@pytest.mark.ci
+@pytest.mark.parametrize(("number", "semantics"), sampled(((n, s) for n in range(12) for s in Semantics), 23, ci=7))
 def test_the_trees_of_the_conformance_suite_and_of_the_catalogue(number: int, semantics: Semantics) -> None:
     compared_events = detected = 0
     entries: list[tuple[RVAFT, int | None, Kind | None]] = [(one.tree, None, None) for one in examples()]
@@ -435,6 +436,7 @@ FAULTS: dict[str, tuple[Shape, Callable[[Node], Node]]] = {
 """Planted faults: the shape of random trees, and what the fault makes of a node."""
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("mistake", sampled(((mistake,) for mistake in FAULTS), 4))
 def test_random_trees_and_planted_faults(mistake: str) -> None:
     """It has the verdicts of the reference for a tree, and others for the tree with the fault."""

@@ -117,6 +117,7 @@ def test_a_document_of_which_nothing_is_kept(tmp_path: Path) -> None:
     assert peak(20_000) < 2 * peak(2_000)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", SAMPLES)
 def test_each_command_reads_each_log(name: str, tmp_path: Path) -> None:
     pytest.importorskip(NEEDS.get(Path(name).suffix, "csv"))

@@ -16,10 +16,10 @@ from rvaft.model.guards import Operation, Operator, holds, time_points
 from rvaft.model.guards import variables as guard_variables
 from rvaft.model.patterns import Anything, Literal, ObjectPattern, Variable
 from rvaft.rules.registry import check_tree
-from rvaft.semantics import Scenario, feasible_scenarios, scenarios
+from rvaft.semantics import ReferenceScenario, feasible_scenarios, scenarios
 from tests.core.trees import random_tree, with_times
 
-Sample: TypeAlias = list[tuple[RVAFT, list[Finding], list[Scenario]]]
+Sample: TypeAlias = list[tuple[RVAFT, list[Finding], list[ReferenceScenario]]]
 """Trees, each with the findings on it and its feasible scenarios."""
 
 
@@ -29,7 +29,7 @@ def checked(request: pytest.FixtureRequest) -> Sample:
     return [(tree, check_tree(tree), feasible_scenarios(tree)) for tree in (random_tree(random) for _ in range(200))]
 
 
-def _dead(scenario: Scenario) -> set[str]:
+def _dead(scenario: ReferenceScenario) -> set[str]:
     constant = ((node.name, node.when) for node in scenario.nodes if node.when and not guard_variables(node.when))
     return {name for name, guard in constant if not holds(guard, {})}
 
@@ -105,7 +105,7 @@ def test_conditions_on_time_agree_with_enumeration(seed: int) -> None:
     assert min(told.values()) > 3, told
 
 
-def _timely(kept: Scenario) -> bool:
+def _timely(kept: ReferenceScenario) -> bool:
     """Whether some times of its events keep all conditions on time that a scenario has."""
     names = sorted(kept.occurrences)
     guards = [node.when for node in kept.nodes if node.when is not None and time_points(node.when)]

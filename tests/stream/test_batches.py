@@ -42,7 +42,7 @@ def test_batches_and_single_events_give_the_same(
     _log(log := tmp_path / "log.jsonl", back)
 
     def outcome(least: int) -> tuple[object, str, str]:
-        monkeypatch.setattr("rvaft.stream.run.FEW", least)
+        monkeypatch.setattr("rvaft.stream.batch_steps.FEW", least)
         with contextlib.redirect_stdout(io.StringIO()) as said, contextlib.redirect_stderr(io.StringIO()) as warned:
             words = ["monitor", str(tree), str(log), "--repeat", *options]
             try:

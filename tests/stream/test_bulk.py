@@ -11,8 +11,7 @@ import pytest
 
 from rvaft import Semantics
 from rvaft.readers import json_blocks
-from rvaft.stream import run as run_module
-from rvaft.stream import sources
+from rvaft.stream import batch_steps, sources
 from tests.benchmarks.logs import ignoring_tree, inspections
 from tests.cli.runs import TREES, lines, run
 from tests.tables import sampled
@@ -32,7 +31,7 @@ OPTIONS = [
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(json_blocks, "SIZE", 900)
     monkeypatch.setattr(sources, "BLOCK", 7)
-    monkeypatch.setattr(run_module, "FEW", 4)
+    monkeypatch.setattr(batch_steps, "FEW", 4)
 
 
 def answers(monkeypatch: pytest.MonkeyPatch, *args: object) -> tuple[int, str, str]:
@@ -58,6 +57,7 @@ def log_of(name: str, random: Random) -> list[dict[str, Any]]:
     return [{"time": number, **event} for number, event in enumerate(events[:400])]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", sampled(shipped.names(), 5, ci=2))
 def test_shipped_trees(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     random, log = Random(name), tmp_path / "log.jsonl"
@@ -81,6 +81,7 @@ def test_long_logs(options: list[str], semantics: Semantics, tmp_path: Path, mon
     answers(monkeypatch, "coverage", tree, log, "--semantics", semantics)
 
 
+@pytest.mark.ci
 def test_logs_in_another_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tree, log, table = ignoring_tree(tmp_path), tmp_path / "log.jsonl", tmp_path / "log.csv"
     inspections(log, 200, readings=1)

@@ -26,6 +26,7 @@ def rotating(count: int, *, detect: int = 50) -> list[dict[str, Any]]:
     return found
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("options", [[], ["--repeat"], ["--jobs", "2"], ["--order-by", "time"]])
 def test_rotating_values_end_no_monitor(options: list[str], tmp_path: Path) -> None:
     tree, log = written(tmp_path / "t.rvaft", TREE), written(tmp_path / "log.jsonl", lines(rotating(2_000)))

@@ -129,7 +129,7 @@ def log_of(random: Random) -> bytes:
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(json_blocks, "SIZE", 500)
     monkeypatch.setattr(sources, "BLOCK", 7)
-    monkeypatch.setattr("rvaft.stream.run.FEW", 3)
+    monkeypatch.setattr("rvaft.stream.batch_steps.FEW", 3)
 
 
 OPTIONS: Final[dict[str, dict[str, Any]]] = {

@@ -29,8 +29,7 @@ from rvaft.model.verdict import Verdict
 from rvaft.readers import json_blocks
 from rvaft.readers.json_blocks import JsonBlockReader
 from rvaft.readers.json_lines import LinesRead, read
-from rvaft.stream import pipeline
-from rvaft.stream import run as run_module
+from rvaft.stream import batch_steps, pipeline
 from rvaft.stream.data_warnings import DataWarnings, Doubt
 from rvaft.stream.event_buffer import EventBuffer
 from rvaft.stream.keys import Field, Key
@@ -374,7 +373,7 @@ KEYS_AND_ORDERS = [("u", None), ("u v", None), ("", "at"), ("u", "at"), ("u", "u
 
 @pytest.mark.parametrize(
     ("keys", "order", "semantics"),
-    sampled(((*one, semantics) for one, semantics in product(KEYS_AND_ORDERS, Semantics)), 3),
+    sampled(((*one, semantics) for one, semantics in product(KEYS_AND_ORDERS, Semantics)), 7),
 )
 def test_keys_and_orders_are_the_same_however_they_are_read(keys: str, order: str | None, semantics: Semantics) -> None:
     random = Random(f"{keys} {order} {semantics}")
@@ -525,11 +524,12 @@ WRITTEN: Final[dict[str, list[Callable[[int], Any]]]] = {
 """Ways to write a time of some seconds, of which some are unreadable, or fall where the seconds rise."""
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
-    ("form", "late", "repeat"), sampled(product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True]), 5)
+    ("form", "late", "repeat"), sampled(product(WRITTEN, ["0 s", "3 s", "1 min"], [False, True]), 5, ci=2)
 )
 def test_times_that_rise_are_taken_at_once(form: str, late: str, repeat: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(run_module, "FEW", 2)
+    monkeypatch.setattr(batch_steps, "FEW", 2)
     random, seen = Random(f"{form} {late} {repeat}"), set[Doubt]()
     plan = plan_of(loads(RISING.replace("FORMAT", form).replace("LATE", late)), "scattered", repeat=repeat)
     for write in WRITTEN[form]:
@@ -561,7 +561,7 @@ ASSUMED = [1, 2.0, 2.5, 2**53, float(2**53), 9007199254740993.25, 2**70, True, N
 def test_assumptions_are_checked_alike_however_they_are_read(
     type_: str, few: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(run_module, "FEW", 2)
+    monkeypatch.setattr(batch_steps, "FEW", 2)
     random = Random(f"{type_} {few}")
     for text in (ASSUMING.replace("TYPE", type_), ASSUMING.replace("TYPE", type_).replace("{ n: 1, u", '{ n: "n", u')):
         plan = plan_of(loads(text.replace(" when true = true", "")), "scattered", repeat=random.random() < 0.5)
@@ -675,7 +675,7 @@ def test_events_that_change_nothing_are_taken_at_once(
     arguments = ["monitor", str(tree), str(log), *options, *(["--semantics", semantics] if semantics else [])]
     told = []
     for few in (4, 10**9):
-        monkeypatch.setattr(run_module, "FEW", few)
+        monkeypatch.setattr(batch_steps, "FEW", few)
         status = main(arguments, standalone_mode=False)
         told.append((status, capsys.readouterr()))
     assert told[0] == told[1]

@@ -26,7 +26,7 @@ from rvaft.core.conditions import (
     TruthTest,
     spelled,
 )
-from rvaft.model.guards import FUNCTIONS, JUNCTIONS, Guard, Operation, Operator, Sort, conjuncts, variables
+from rvaft.model.guards import FUNCTIONS, JUNCTIONS, Guard, Operation, Operator, TermSort, conjuncts, variables
 from rvaft.model.nodes import Argument, On
 from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
 from rvaft.model.tree import RVAFT
@@ -81,7 +81,7 @@ def _tested(test: ConditionTest) -> Guard:
         case EqualityTest(left, right, wanted):
             equal = Operation(Operator.EQ, (left, right) if isinstance(left, Variable) else (right, left))
             return equal if wanted else Operation(Operator.NOT, (equal,))
-        case ComparisonTest(Sort.TEXT, left, _, right):
+        case ComparisonTest(TermSort.TEXT, left, _, right):
             for side in (left, right):
                 if isinstance(side, Operation):
                     raise _without(side.operator)
@@ -92,7 +92,7 @@ def _tested(test: ConditionTest) -> Guard:
             sides = (left, right) if isinstance(left, Operation) or sign not in _EQUALITIES else (right, left)
             compared = Operation(_EQUALITIES.get(sign) or Operator(sign), sides)
             return compared if all(map(_is_calculable, sides)) else NEVER
-        case SortTest(term, Sort.NUMBER, wanted):
+        case SortTest(term, TermSort.NUMBER, wanted):
             number = term if isinstance(term, Operation) else Operation(Operator.NEGATE, (term,))
             known = Operation(Operator.EQ, (number, number))  # arithmetic is defined for numbers only
             return NEVER if not _is_calculable(term) else known if wanted else Operation(Operator.NOT, (known,))

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 
 from backends.rml.writer.event_types import NEVER, Call, Inexpressible, RmlTypes, is_register, when_true
 from backends.rml.writer.terms import Written, named
-from rvaft.core.property import Condition, Property, Without
+from rvaft.core.property import Condition, Property, WithoutEvent
 from rvaft.errors import NotExpressible, unwritten
 from rvaft.model.guards import Guard, conjuncts, renamed
 from rvaft.model.guards import variables as guard_variables
@@ -125,7 +125,7 @@ class RmlLetters:
             instances.update((guard,) if required else ())
         return RmlLetter(call, frozenset(instances))
 
-    def absent(self, clause: Without) -> RmlLetter | None:
+    def absent(self, clause: WithoutEvent) -> RmlLetter | None:
         """Return the letter of the events that break a clause, or None if there are none.
 
         Raises `NotExpressible` for one that shares variables with the tree.

@@ -12,7 +12,7 @@ from rvaft.model.event_time import UNITS
 from rvaft.model.guards import Operation, Operator
 from rvaft.model.nodes import Gate, Node, ValueType
 from rvaft.model.patterns import Anything, Literal, Variable
-from rvaft.model.tree import RVAFT
+from rvaft.model.tree import RVAFT, reachable
 
 
 def without_windows(prop: Property) -> Property:
@@ -48,16 +48,14 @@ def without_windows(prop: Property) -> Property:
 
 def _below(tree: RVAFT, name: str) -> Sequence[str]:
     """Return the nodes of a window; raises `NotExpressible` for choices and counted events."""
-    found, agenda = dict[str, None](), [name]
-    while agenda:
-        node = tree.nodes[one := agenda.pop()]
-        found[one] = None
-        agenda += node.children
+    found = list(reachable(name, lambda one: tree.nodes[one].children))
+    for one in found:
+        node = tree.nodes[one]
         if node.gate in (Gate.OR, Gate.VOT) or node.times > 1:
             raise NotExpressible(
                 unwritten("windows are written over events that all matches have, each once"), nodes=[one]
             )
-    return [*found]
+    return found
 
 
 def _time(tree: RVAFT, nodes: dict[str, Node], times: dict[str, str], name: str) -> str:

@@ -15,7 +15,7 @@ from rvaft.language.parser import file_text
 from rvaft.language.words import Sort
 from rvaft.model.nodes import Place
 from rvaft.model.tree import RVAFT
-from rvaft.rules.loading import loads
+from rvaft.rules.validity import loads
 
 MAX_TEXT: Final = 512 * 1024
 """The maximum number of characters that are analysed."""

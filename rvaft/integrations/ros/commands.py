@@ -14,7 +14,7 @@ from rvaft.cli.trees import ONE_BRANCH, about, loaded, tree_files
 from rvaft.errors import NotExpressible, OptionError, TooLarge
 from rvaft.integrations.ros import configuration as ros
 from rvaft.integrations.ros.connections_page import ConnectionsPage, ConnectionsPages
-from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary
+from rvaft.integrations.ros.protocol import MAX_MESSAGE, MessageProtocol, Polarity, Session, Vocabulary
 from rvaft.integrations.ros.server import CONNECTIONS, PORT, Server
 from rvaft.model.nodes import Kind
 from rvaft.model.tree import RVAFT, resolve_semantics
@@ -158,12 +158,12 @@ def serve_command(
     many = len(wholes) > 1
     options.refuse(many and branch is not None, ONE_BRANCH)
     words: Any = {name: how[name] for name in ("polarity", "vocabulary", "definitive", "strict_json")}
-    protocols, first = dict[str, Protocol](), dict[str, Session]()
+    protocols, first = dict[str, MessageProtocol](), dict[str, Session]()
     for file, whole in wholes.items():
         name = click.format_filename(file)
         with about(file, many=many):
             part = _part_of(whole, time, branch, kind)
-            protocols[name] = Protocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
+            protocols[name] = MessageProtocol(part, longest=how["max_message"] * _MEBIBYTE, **words)
             again = {option: how[option] for option in ("repeat", "repeat_by", "cooldown")}
             first[name] = Session(part, how["semantics"], per=per, **again)
     options.require_times(how["clock"], wholes.values())

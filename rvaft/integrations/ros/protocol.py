@@ -190,7 +190,7 @@ class Session:
 
 
 @dataclass(eq=False)
-class Protocol:
+class MessageProtocol:
     """Reads and answers messages for a tree or part.
 
     Messages of more than `longest` bytes are errors; with `strict_json`, so are numbers that are
@@ -198,7 +198,7 @@ class Protocol:
 
     >>> import rvaft
     >>> tree = rvaft.loads("top and a; a;")
-    >>> Protocol(tree).reply('{"event": "b"}', Session(tree))
+    >>> MessageProtocol(tree).reply('{"event": "b"}', Session(tree))
     {'event': 'b', 'verdict': 'currently_true'}
     """
 
@@ -283,7 +283,7 @@ class Protocol:
 
 
 def reply_of_all(
-    protocols: Mapping[str, Protocol], message: str | bytes, sessions: Mapping[str, Session]
+    protocols: Mapping[str, MessageProtocol], message: str | bytes, sessions: Mapping[str, Session]
 ) -> dict[str, Json]:
     """Return the reply to a message for trees by name: of several, with what each says in `trees`.
 
@@ -292,7 +292,8 @@ def reply_of_all(
 
     >>> import rvaft
     >>> trees = {name: rvaft.loads(f"top and {name}; {name};") for name in "ab"}
-    >>> protocols, sessions = ({name: of(tree) for name, tree in trees.items()} for of in (Protocol, Session))
+    >>> protocols = {name: MessageProtocol(tree) for name, tree in trees.items()}
+    >>> sessions = {name: Session(tree) for name, tree in trees.items()}
     >>> found = reply_of_all(protocols, '{"event": "a"}', sessions)
     >>> found["verdict"], {name: told["verdict"] for name, told in found["trees"].items()}
     ('currently_false', {'a': False, 'b': 'currently_true'})

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from rvaft.errors import installed
 from rvaft.integrations.ros.connections_page import ConnectionsPages
-from rvaft.integrations.ros.protocol import Protocol, Session, reply_of_all
+from rvaft.integrations.ros.protocol import MessageProtocol, Session, reply_of_all
 from rvaft.model.verdict import Verdict
 from rvaft.stream.verdict_change import time_told
 from rvaft.support.network import LOCAL, allowed, unavailable
@@ -65,7 +65,7 @@ class Server:
     `clock`, in nanoseconds, sessions are told the time so often, also `shared` ones without a connection.
     """
 
-    protocols: Mapping[str, Protocol]
+    protocols: Mapping[str, MessageProtocol]
     fresh: Callable[[], Mapping[str, Session]]
     say: Callable[[str], object]
     host: str = LOCAL

@@ -161,6 +161,7 @@ def test_guards_are_labelled_as_the_tree_writes_them() -> None:
     assert "T1" not in drawing
 
 
+@pytest.mark.ci
 @pytest.mark.spot
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_what_is_left_out_makes_no_difference(semantics: Semantics) -> None:

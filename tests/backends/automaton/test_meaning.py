@@ -117,6 +117,7 @@ def distinct(tree: RVAFT, semantics: Semantics) -> bool:
     return before == len(classes)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("semantics", list(Semantics))
 def test_no_two_states_are_equivalent(semantics: Semantics) -> None:
     shape = Shape(

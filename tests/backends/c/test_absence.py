@@ -10,12 +10,12 @@ from random import Random
 import pytest
 
 from backends.c import CBackend
-from backends.c.library import CMonitor, build_program, compile_c, compiler
+from backends.c.library import CMonitor, compile_c, compiler
 from rvaft import RVAFT, NotExpressible, Semantics, TooLarge, Verdict, dumps, loads, monitor
 from rvaft.monitors import Repetition
 from rvaft.semantics import Reference
-from tests.backends.c.programs import BACKEND, SANITIZERS, SCATTERED, status
-from tests.backends.c.test_c import ANALYSED, KEY, PIECES, WARNINGS, analysis, needs_frama_c
+from tests.backends.c.programs import BACKEND, SANITIZERS, SCATTERED, compile_strictly, program, status
+from tests.backends.c.test_c import ANALYSED, KEY, PIECES, analysis, needs_frama_c
 from tests.cli.runs import run
 from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree, living_trace
@@ -139,15 +139,14 @@ def test_passing_time_and_the_end(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("options", sampled([((),), (("--repeat",),), (("--detections", "--repeat"),)], 3))
 @pytest.mark.parametrize("last", sampled(["3", "3.5"], 2))
-def test_a_complete_log(last: str, options: tuple[str, ...], tmp_path: Path) -> None:
+def test_a_complete_log(last: str, options: tuple[str, ...], folder: Path, tmp_path: Path) -> None:
     (file := tmp_path / "lost.rvaft").write_text(f"semantics scattered; {LOST}", encoding="utf-8")
     lines = [f'{{"event": "beat", "x": {x}, "t": {t}}}' for x, t in ((1, "0"), (2, "1"), (1, last))]
     (log := tmp_path / "log.jsonl").write_text("\n".join(lines), encoding="utf-8")
     ours = run("monitor", str(file), str(log), "--format", "jsonl", "--complete", *options)
     known = ("event", "verdict", "line", "passed", "detection")
     wanted = [{name: one[name] for name in known if name in one} for one in map(json.loads, ours.stdout.splitlines())]
-    build_program(BACKEND.translate(loads(LOST), SCATTERED).text, tmp_path / "monitor", 64)
-    code, out, error = status(tmp_path / "monitor", log.read_bytes(), "--complete", *options)
+    code, out, error = status(program(LOST, folder), log.read_bytes(), "--complete", *options)
     assert ([json.loads(line) for line in out.splitlines()], error) == (wanted, "")
     assert code == ours.exit_code == 1
 
@@ -166,19 +165,17 @@ def test_sizes_and_warnings(text: str, tmp_path: Path) -> None:
     tree = loads(text)
     for semantics in Semantics:
         made = BACKEND.translate(tree, semantics).text
-        compile_c(made, tmp_path / "monitor.o", (*WARNINGS, "-DRVAFT_PLACES=1", "-DRVAFT_MAIN=1", "-c"))
+        compile_strictly(made, tmp_path, "-DRVAFT_PLACES=1", "-DRVAFT_MAIN=1")
         found = re.search(r"sizeof\(rvaft_monitor\) is (\d+) bytes", made)
         assert found is not None
         assert int(found[1]) == CMonitor(made).size
     if text is not LOST:
         keyed = BACKEND.keyed(KEY).translate(tree, SCATTERED).text
-        compile_c(keyed, tmp_path / "monitor.o", (*WARNINGS, "-DRVAFT_PLACES=1", "-c"))
+        compile_strictly(keyed, tmp_path, "-DRVAFT_PLACES=1")
 
 
-def test_what_is_broken_or_too_old_leaves_room(tmp_path: Path) -> None:
-    new, skipped = tmp_path / "new", tmp_path / "skipped"
-    build_program(BACKEND.translate(loads(NEW), SCATTERED).text, new, 64)
-    build_program(BACKEND.translate(loads(SKIPPED), SCATTERED).text, skipped, 64)
+def test_what_is_broken_or_too_old_leaves_room(folder: Path) -> None:
+    new, skipped = program(NEW, folder), program(SKIPPED, folder)
     log = [{"event": "login", "x": f"user {number}", "t": number} for number in range(5_000)]
     code, out, error = status(new, b"\n".join(json.dumps(one).encode() for one in log), "--repeat", "--detections")
     assert (code, error, out.count("\n")) == (1, "", 5_000)

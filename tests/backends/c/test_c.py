@@ -29,14 +29,23 @@ from rvaft.model.verdict import Verdict
 from rvaft.monitors import Repetition
 from rvaft.readers.json_lines import decode
 from rvaft.semantics import Reference
-from tests.backends.c.programs import BACKEND, SANITIZERS, SCATTERED, TIED, WINDOW, program, status
+from tests.backends.c.programs import (
+    BACKEND,
+    SANITIZERS,
+    SCATTERED,
+    TIED,
+    WARNINGS,
+    WINDOW,
+    compile_strictly,
+    program,
+    status,
+)
 from tests.backends.texts import SHAPES
 from tests.cli.runs import TREES, run
 from tests.docs.examples import ROOT
 from tests.tables import part_and_whole, sampled
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
-WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror")
 KEY = [(("key",), ("key",)), (("a.b",), ("a", "b"))]
 VARIED = (
     "top or a b;",
@@ -67,9 +76,9 @@ def test_no_warnings(name: str, options: Sequence[str], tmp_path: Path) -> None:
     for tree in trees():
         for semantics in (Semantics.PROJECTED, SCATTERED) if "-O2" in options else (SCATTERED,):
             text = BACKEND.translate(tree, semantics).text
-            compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *options, "-c"), command=[name])
+            compile_strictly(text, tmp_path, *options, compiler=name)
         text = BACKEND.keyed(KEY).translate(tree, SCATTERED).text
-        compile_c(text, tmp_path / "monitor.o", (*WARNINGS, *options, "-DRVAFT_PLACES=1", "-c"), command=[name])
+        compile_strictly(text, tmp_path, *options, "-DRVAFT_PLACES=1", compiler=name)
 
 
 @pytest.mark.parametrize(

@@ -12,10 +12,11 @@ import pytest
 
 from backends.c.library import CMonitor, compile_c, fast_compiler
 from rvaft import NotExpressible, OptionError, Semantics, TooLarge, dumps, loads
-from tests.backends.c.programs import BACKEND, SANITIZERS, SCATTERED, status
-from tests.backends.c.test_c import KEY, PIECES, WARNINGS
+from tests.backends.c.programs import BACKEND, SANITIZERS, SCATTERED, compile_strictly, status
+from tests.backends.c.test_c import KEY, PIECES
 from tests.cli.runs import run
 from tests.engine.test_repeat_by import detections, events_of, trees
+from tests.tables import sampled
 
 BY: Final = BACKEND.repeating("U")
 EVENTS: Final = "semantics scattered; event e(k, u) = { k: k, u: u }; event f(k, u, v) = { k: k, w: u, v: v };"
@@ -61,11 +62,11 @@ def test_only_the_detected_value_starts_afresh(seed: int, tmp_path: Path) -> Non
     assert detected > 20
 
 
-@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("name", sampled(TEXTS, 6))
 def test_sizes_warnings_and_keys(name: str, tmp_path: Path) -> None:
     tree, random = loads(TEXTS[name]), Random(name)
     made = BY.translate(tree, SCATTERED).text
-    compile_c(made, tmp_path / "monitor.o", (*WARNINGS, "-DRVAFT_PLACES=1", "-DRVAFT_MAIN=1", "-c"))
+    compile_strictly(made, tmp_path, "-DRVAFT_PLACES=1", "-DRVAFT_MAIN=1")
     size = re.search(r"sizeof\(rvaft_monitor\) is (\d+) bytes", made)
     assert size is not None
     assert int(size[1]) == CMonitor(made).size
@@ -101,7 +102,7 @@ def test_a_fault_is_found(name: str, tmp_path: Path) -> None:
     pytest.fail("no difference")
 
 
-@pytest.mark.parametrize("text", [UNIT, PAIR, SHARED])
+@pytest.mark.parametrize("text", sampled([UNIT, PAIR, SHARED], 3))
 def test_what_started_afresh_leaves_room(text: str, tmp_path: Path) -> None:
     compile_c(
         BY.translate(loads(text), SCATTERED).text,

@@ -22,6 +22,7 @@ from tests.engine.checking import small_valid_trees
 from tests.engine.dense import SHAPES, dense_trace, dense_tree
 from tests.engine.test_windowed import CASES
 from tests.engine.windowed import timed_trace, windowed_trees
+from tests.tables import sampled
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="needs a C compiler")
 LATE = {
@@ -63,7 +64,7 @@ def agrees(text: str, tree: RVAFT, trace: Sequence[dict[str, Any]]) -> Verdict:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 5))])
-@pytest.mark.parametrize("order", LATE)
+@pytest.mark.parametrize("order", sampled(LATE, 4))
 def test_verdicts_of_trees_with_windows(order: str, seed: int) -> None:
     late, disorder = LATE[order]
     random, detected, units, fronts = Random(f"C {order} {seed}"), 0, 0, 0
@@ -150,7 +151,9 @@ def test_a_front_that_is_too_large_is_no_verdict() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
-@pytest.mark.parametrize("name", ["many letters", "silent", "variables", "windows", "many ends", "time points"])
+@pytest.mark.parametrize(
+    "name", sampled(["many letters", "silent", "variables", "windows", "many ends", "time points"], 3)
+)
 def test_verdicts_of_dense_trees(name: str, seed: int) -> None:
     random, shape = Random(f"C {name} {seed}"), SHAPES[name]
     trees = small_valid_trees(lambda: dense_tree(random, shape))
@@ -170,8 +173,12 @@ def detections(tree: RVAFT, events: Sequence[dict[str, Any]], key: object) -> li
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 4))])
-@pytest.mark.parametrize("keys", [[None], ["a", 1, [True]]], ids=["one log", "keys"])
-@pytest.mark.parametrize("late", [" late 0 s", pytest.param("", marks=pytest.mark.slow), " late 2 s"])
+@pytest.mark.parametrize(
+    "keys", [pytest.param([None], marks=pytest.mark.ci), ["a", 1, [True]]], ids=["one log", "keys"]
+)
+@pytest.mark.parametrize(
+    "late", [pytest.param(" late 0 s", marks=pytest.mark.ci), pytest.param("", marks=pytest.mark.slow), " late 2 s"]
+)
 def test_matches_with_sanitizers(late: str, keys: list[Any], seed: int, tmp_path: Path) -> None:
     """Each detection is one of the engine, and its events are a match by the definition."""
     random, left = Random(f"C {late} {keys} {seed}"), 10 if seed else 1
@@ -239,7 +246,7 @@ top sand x y z within 20 s; x on f("x", U, V) times 3; y on e("y", U) times 2; z
 p on e("p", U); q on e("q", U);"""
 
 
-@pytest.mark.parametrize(("late", "room"), [("late 0 s", 64), ("late 7 s", 512)])
+@pytest.mark.parametrize(("late", "room"), sampled([("late 0 s", 64), ("late 7 s", 512)], 2))
 def test_instances_are_forgotten_when_their_window_has_passed(late: str, room: int, tmp_path: Path) -> None:
     """There is room for a few partial matches; without the window there were thousands."""
     tree = loads(KEYED.replace("late 0 s", late))
@@ -336,7 +343,7 @@ ROTATING = {
 }
 
 
-@pytest.mark.parametrize("tree", ROTATING)
+@pytest.mark.parametrize("tree", sampled(ROTATING, 3))
 def test_rotating_keys_in_little_room(tree: str, tmp_path: Path) -> None:
     """There are many more keys than there is room for, of which one in ten may detect, and one that stays.
 

@@ -43,7 +43,7 @@ from tests.backends.injections import INJECTIONS
 from tests.backends.judged import first
 from tests.backends.texts import events, signs
 from tests.cli.runs import run
-from tests.tables import rows
+from tests.tables import rows, sampled
 
 BACKEND, BOUNDED, SCATTERED = MtlBackend(), MtlR2u2Backend(), Semantics.SCATTERED
 TEXTS = rows(__file__, "texts.txt")
@@ -340,7 +340,8 @@ def test_a_slip_in_the_text_shows(slip: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("semantics", "slip"), [(semantics, slip) for semantics, (_, slips) in SLIPS_OF.items() for slip in slips]
+    ("semantics", "slip"),
+    sampled([(semantics, slip) for semantics, (_, slips) in SLIPS_OF.items() for slip in slips], 3),
 )
 def test_a_slip_in_a_form_shows(semantics: str, slip: str) -> None:
     tree, slips = SLIPS_OF[semantics]
@@ -365,7 +366,7 @@ WINDOW_SLIPS = {
 }
 
 
-@pytest.mark.parametrize("slip", [None, *WINDOW_SLIPS])
+@pytest.mark.parametrize("slip", sampled([None, *WINDOW_SLIPS], 3))
 def test_a_slip_in_a_window_shows(slip: str | None) -> None:
     made = loads(WINDOWED)
     text = BACKEND.translate(made, SCATTERED).text

@@ -42,6 +42,7 @@ def test_correlations_of_correlations(text: str, correlations: object) -> None:
     assert {one.get("name", ""): one["correlation"] for one in documents if "correlation" in one} == correlations
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(("text", "field", "correlation", "trace"), rows(__file__, "by_hand.txt"))
 def test_rules_by_hand(text: str, field: str, correlation: dict[str, Any], trace: str | None, tmp_path: Path) -> None:
     """Where one is wrong, a shortest trace says so."""

@@ -92,7 +92,7 @@ JOINED = (
 )
 
 
-@pytest.mark.parametrize(("name", "late"), sampled(product(COUNTED, ["late 0 s", "late 1 s", ""]), 11, ci=2))
+@pytest.mark.parametrize(("name", "late"), sampled(product(COUNTED, ["late 0 s", "late 1 s", ""]), 11, ci=5))
 @pytest.mark.parametrize("language", READING)
 def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
     """As one row where that makes no difference, on events with equal, missing and earlier times."""
@@ -200,6 +200,7 @@ SHIFTED = {
 }
 
 
+@pytest.mark.ci
 @pytest.mark.skipif(not find_spec("duckdb"), reason="needs DuckDB")
 @pytest.mark.parametrize("fault", sampled(SHIFTED, 4))
 def test_a_wrong_absence_is_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:

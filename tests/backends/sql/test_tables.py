@@ -74,8 +74,9 @@ def events(random: Random, length: int) -> list[Any]:
     return [{**event, "t": round(event["t"])} if "t" in event else event for event in trace]
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("dialect", ["sqlite", pytest.param("duckdb", marks=needs_duckdb)])
-@pytest.mark.parametrize(("shape", "semantics"), sampled(product(SHAPES, Semantics), 7, ci=3))
+@pytest.mark.parametrize(("shape", "semantics"), sampled(product(SHAPES, Semantics), 7, ci=4))
 def test_a_table_of_any_shape_has_the_matches_of_the_definition(shape: str, dialect: str, semantics: Semantics) -> None:
     random, found = Random(7), 0
     for name, text in TREES.items():

@@ -131,6 +131,7 @@ def differences(tree: Path, log: Path, options: Sequence[str]) -> tuple[bool, bo
     return "is read without DuckDB" not in asked.stderr, plain.exit_code == 1
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("first", sampled(((first,) for first in range(0, 600, 60)), 10, ci=5))
 def test_json_lines(first: int, tmp_path: Path) -> None:
     seen = Counter[str]()

@@ -13,7 +13,7 @@ import pytest
 
 from rvaft import RVAFT, loads
 from rvaft.integrations.ros.connections_page import ConnectionsPage, ConnectionsPages
-from rvaft.integrations.ros.protocol import Protocol, Session
+from rvaft.integrations.ros.protocol import MessageProtocol, Session
 from rvaft.integrations.ros.server import Server
 from rvaft.model.values import Json
 from tests.cli.runs import started
@@ -55,7 +55,7 @@ async def served(
     """
     stop = asyncio.Event()
     url: asyncio.Future[str] = asyncio.get_running_loop().create_future()
-    speaking, make = {"tree": Protocol(tree, longest=longest)}, fresh or Session(tree).fork
+    speaking, make = {"tree": MessageProtocol(tree, longest=longest)}, fresh or Session(tree).fork
     pages = None if page is None else ConnectionsPages([page])
     async with asyncio.TaskGroup() as group:
         server = Server(

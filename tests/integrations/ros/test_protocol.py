@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rvaft import Verdict, load, loads, monitor
 from rvaft.core.fields_to_read import TreeReads
-from rvaft.integrations.ros.protocol import MAX_MESSAGE, Polarity, Protocol, Session, Vocabulary, reply_of_all
+from rvaft.integrations.ros.protocol import MAX_MESSAGE, MessageProtocol, Polarity, Session, Vocabulary, reply_of_all
 from rvaft.model.values import Json
 from rvaft.readers.json_lines import decode
 from rvaft.stream.monitor_set import Per
@@ -27,7 +27,7 @@ BROKEN: Final[tuple[str | bytes, ...]] = (
 DETECTION: Final[dict[str, Any]] = {"polarity": Polarity.DETECTION, "vocabulary": Vocabulary.STRINGS}
 
 
-def answers(speaking: Protocol, to: Session, *messages: str | bytes) -> list[Any]:
+def answers(speaking: MessageProtocol, to: Session, *messages: str | bytes) -> list[Any]:
     return [json.loads(json.dumps(speaking.reply(message, to))) for message in messages]
 
 
@@ -39,7 +39,7 @@ def word(verdict: Verdict) -> str:
 @pytest.mark.parametrize("row", rows(__file__, "replies.txt"), ids=lambda row: row[0])
 def test_a_conversation(row: list[Any]) -> None:
     _, text, options, messages, expected = row
-    speaking = Protocol(
+    speaking = MessageProtocol(
         tree := loads(text),
         polarity=Polarity(options.get("polarity", "property")),
         vocabulary=Vocabulary(options.get("vocabulary", "rml")),
@@ -74,7 +74,7 @@ def test_several_trees_have_one_verdict_and_each_its_own(each: str, word: object
     """A tree is detected with the first event, or can no longer be, or neither."""
     texts = {"T": "top and a; a;", "?": "semantics scattered; top and a b; a; b;", "F": "top sand b a; b; a;"}
     trees = {f"{number}": loads(texts[one.replace("!", "?")]) for number, one in enumerate(each)}
-    protocols = {name: Protocol(tree) for name, tree in trees.items()}
+    protocols = {name: MessageProtocol(tree) for name, tree in trees.items()}
     sessions = {name: Session(tree) for name, tree in trees.items()}
     for name, one in zip(sessions, each, strict=True):
         if one == "!":
@@ -84,7 +84,7 @@ def test_several_trees_have_one_verdict_and_each_its_own(each: str, word: object
     assert [reply["trees"][name].get("error") for name in trees] == [
         "too large" if one == "!" else None for one in each
     ]
-    alone = [Protocol(trees[name]).reply('{"event": "a"}', Session(trees[name])) for name in trees]
+    alone = [MessageProtocol(trees[name]).reply('{"event": "a"}', Session(trees[name])) for name in trees]
     for name, one, own in zip(trees, each, alone, strict=True):
         assert one == "!" or {"event": "a", **reply["trees"][name]} == own
     wrong: Any = reply_of_all(protocols, "[]", sessions)
@@ -96,7 +96,7 @@ def test_what_the_time_detects_is_told_by_the_next_reply() -> None:
     """Once, also if the monitor has begun again."""
     tree = loads("semantics scattered; time t as s; event e(x) = { e: x }; lost on e(X) without e(X) for 2 s after;")
     for repeat, words in ((False, [False, False]), (True, ["currently_false", "currently_true"])):
-        speaking, to = Protocol(tree), Session(tree, repeat=repeat)
+        speaking, to = MessageProtocol(tree), Session(tree, repeat=repeat)
         answers(speaking, to, '{"e": 7, "t": 0}')
         for time, detections in ((2, 0), (2.5, 1), (3, 1)):
             to.pass_time(time)
@@ -111,7 +111,9 @@ def test_only_the_detected_value_begins_again(statement: str, options: dict[str,
     """So 2 goes on after the detection of 1, and is detected with its second beat."""
     text = f"semantics scattered; {statement}event beat(r) = {{ beat: r }}; two on beat(R) times 2;"
     tree = loads(text)
-    replies = answers(Protocol(tree), Session(tree, **options), *(f'{{"beat": {one}}}' for one in (1, 2, 1, 2, 1)))
+    replies = answers(
+        MessageProtocol(tree), Session(tree, **options), *(f'{{"beat": {one}}}' for one in (1, 2, 1, 2, 1))
+    )
     told = [(reply["verdict"], reply.get("detection")) for reply in replies]
     going_on, found = "currently_true", "currently_false"
     assert told == [(going_on, None), (going_on, None), (found, 1), (found, 2), (going_on, None)]
@@ -119,7 +121,7 @@ def test_only_the_detected_value_begins_again(statement: str, options: dict[str,
 
 def test_a_fork_remembers_for_itself_when_and_where_events_came() -> None:
     tree = loads('event e(x) = {topic: "/c", p: x}; top sand a b; a on e(1); b on e(2);')
-    speaking, first = Protocol(tree), Session(tree)
+    speaking, first = MessageProtocol(tree), Session(tree)
     answers(speaking, first, '{"topic": "c", "p": 1, "time": 0.5}', '{"topic": "/other"}')
     (reply,) = answers(speaking, to := first.fork(), '{"topic": "/c", "p": 2}')
     assert [match.get("time") for match in reply["matched"]] == [0.5, None]
@@ -128,7 +130,7 @@ def test_a_fork_remembers_for_itself_when_and_where_events_came() -> None:
 
 def test_what_could_be_missed_is_counted_and_a_number_that_is_not_finite_comes_back() -> None:
     text = 'event e(x) = {topic: "/c", p: x}; time t as s late 1 s; top sand a b; a on e(X) when X > 1; b on e(2);'
-    speaking, to = Protocol(tree := loads(text)), Session(tree)
+    speaking, to = MessageProtocol(tree := loads(text)), Session(tree)
     said = '{"topic": "c", "p": NaN, "t": 5}', '{"topic": "c", "p": "x"}', '{"topic": "c", "p": 2, "t": 3}'
     assert json.dumps(speaking.reply(said[0], to)) == '{"topic": "c", "p": NaN, "t": 5, "verdict": "currently_true"}'
     answers(speaking, to, *said[1:])
@@ -144,7 +146,7 @@ def test_what_could_be_missed_is_counted_and_a_number_that_is_not_finite_comes_b
 @pytest.mark.parametrize("message", [*BROKEN, '{"x": 1e999}', *STRICT.values()])
 def test_what_is_no_event_gets_an_error_with_the_verdict_so_far(message: str | bytes) -> None:
     """Without `verdict` ROSMonitoring would take the reply for a definitive `true` and stop."""
-    speaking = Protocol(SEQUENCE, strict_json=message not in BROKEN)
+    speaking = MessageProtocol(SEQUENCE, strict_json=message not in BROKEN)
     first, a, again, b, end = answers(speaking, Session(SEQUENCE), message, A, message, B, message)
     for reply in (first, again, end):
         assert set(reply) == {"error", "verdict"}
@@ -159,14 +161,14 @@ def test_a_monitor_that_gives_up_says_so_and_has_no_verdict_any_more() -> None:
     tree = loads("event e(x) = {p: x}; top sand a b; a on e(X); b on e(Y) when Y == X - 1;")
     to = Session(tree, "scattered", per=Per.BRANCH, limit=3)
     to.monitors["1"] = Session(tree, "scattered", per=Per.BRANCH).monitors["1"]
-    *_, gave_up, later = answers(Protocol(tree), to, *(f'{{"p": {number}}}' for number in range(10)))
+    *_, gave_up, later = answers(MessageProtocol(tree), to, *(f'{{"p": {number}}}' for number in range(10)))
     for reply in (gave_up, later):
         assert reply["verdict"] == "unknown"
         assert reply["error"].startswith("too large")
         assert reply["verdicts"] == {"1": "currently_true"}
-    (error,) = answers(Protocol(tree), to.fork(), "[]")
+    (error,) = answers(MessageProtocol(tree), to.fork(), "[]")
     assert error["verdict"] == "unknown"
-    (found,) = answers(Protocol(tree), to, '{"p": 1}')
+    (found,) = answers(MessageProtocol(tree), to, '{"p": 1}')
     assert found["verdicts"] == {"1": False}
 
 
@@ -176,7 +178,7 @@ def test_a_verdict_for_each_kind() -> None:
     alone = {name: monitor(tree, kind=name) for name in ("fault", "attack")}
     for file in sorted(LOGS.iterdir()):
         for line in file.read_bytes().splitlines():
-            (reply,) = answers(Protocol(tree, **DETECTION), to, line)
+            (reply,) = answers(MessageProtocol(tree, **DETECTION), to, line)
             assert reply["verdict"] == word(whole.step(decode(line)))
             assert reply["verdicts"] == {name: word(one.step(decode(line))) for name, one in alone.items()}
 
@@ -203,7 +205,7 @@ def test_any_messages_get_the_verdicts_of_the_monitor_on_the_events_among_them(
     tree = loads(form)
     alone, to = monitor(tree, semantics=semantics), Session(tree, semantics)
     for message in messages:
-        (reply,) = answers(Protocol(tree, **DETECTION), to, message)
+        (reply,) = answers(MessageProtocol(tree, **DETECTION), to, message)
         event: dict[str, Json] = {}
         try:
             event = decode(message.encode() if isinstance(message, str) else message, reads=TreeReads(tree))

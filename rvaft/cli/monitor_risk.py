@@ -76,6 +76,11 @@ class RiskListener(Listener):
             told = {"trace": watch.trace, "event": number, "risk": now[0], "kinds": [], **self.coming(watch)}
             self.failures += self._hooks.run(told)
 
+    @property
+    def within(self) -> str:
+        """The horizon, as the user wrote it."""
+        return self.horizon.text
+
     def of(self, watch: MonitoredTrace) -> tuple[float, ...]:
         """Return the risk of each column."""
         return self._risks[watch]

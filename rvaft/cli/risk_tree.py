@@ -43,7 +43,7 @@ class Horizon:
         if unit is not None and self.timed != (unit == "s"):
             units = ", ".join(UNITS)
             has, asked = ("units", f"a time with a unit ({units})") if unit else ("no unit", "a number alone")
-            raise OptionError(f"the rates of the tree have {has}: write --time as {asked}, not {self.text!r}")
+            raise OptionError(f"the rates of the tree have {has}: write the time as {asked}, not {self.text!r}")
 
     def shown(self, value: float) -> str:
         """Return a time, of the unit of the rates, in the unit that the user wrote."""

@@ -123,8 +123,7 @@ class LogReport(Listener):
     ) -> None:
         self.tree = tree = whole(tree)
         self.plan = plan
-        self.most = most
-        self.grows = grows
+        self.most, self.grows = most, grows
         self.unit = unit or ("log" if plan.key is None else "key")
         self.number = tree.rank
         self._nodes = nodes = dict[Letter, list[int]]()

@@ -1,6 +1,7 @@
 """The risk in pages: the numbers of `monitor --risk`, the live page, and the curve in a real browser."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any, Final
 
@@ -106,3 +107,24 @@ def test_a_browser_draws_the_curve(browser: Any, files: tuple[Path, Path], tmp_p
     shown.click("#scale")
     assert shown.text("#chart") != before
     assert browser.get_log("browser") == []
+
+
+@pytest.mark.parametrize("rate", ["0.2", "2e-3", "3e-5", "7e-9", "1e-13"])
+def test_each_value_stands_within_its_axis(browser: Any, tmp_path: Path, rate: str) -> None:
+    tree = written(tmp_path / "tree.rvaft", f"top and a b; a lambda={rate} once=no; b lambda=0.9 once=no;")
+    log = written(tmp_path / "log.jsonl", log_of(["b", "a"]))
+    run("report", tree, log, "--risk", "1", "--semantics", "scattered", "-o", tmp_path / "page.html")
+    first = page(tmp_path / "page.html")["places"]["risk"][0]
+    shown = Shown(browser, (tmp_path / "page.html").as_uri())
+    shown.press("HOME")
+    for _ in range(2):  # the axis that the page chooses, and the other one
+        labels = "[...document.querySelectorAll('#chart text:not(.from)')]"
+        ticks = shown.ask(f"{labels}.map(one => [one.textContent, Number(one.getAttribute('y')) - 4])")[:-1]
+        values = [(float(text), y) for text, y in ticks]
+        (low, bottom), (high, top) = min(values), max(values)
+        assert low <= first <= high
+        here = float(shown.ask("document.querySelector('#chart .point').getAttribute('cy')"))
+        powers = shown.ask("document.getElementById('scale').getAttribute('aria-pressed')") == "true"
+        ends = [math.log10(one) for one in (first, low, high)] if powers else [first, low, high]
+        assert here == pytest.approx(bottom + (ends[0] - ends[1]) / (ends[2] - ends[1]) * (top - bottom), abs=0.2)
+        shown.click("#scale")

@@ -40,6 +40,7 @@ class RiskListener(Listener):
         self._fresh = [
             _of(part, one, horizon.value, plan.monitors.semantics) for part, one in zip(parts, forms, strict=True)
         ]
+        self._assumed = form.assumed
         self.horizon, self._above, self._hooks = horizon, above, hooks
         self._following: dict[MonitoredTrace, list[RiskMonitor | MonitorStates]] = {}
         self._risks: dict[MonitoredTrace, tuple[float, ...]] = {}
@@ -80,6 +81,11 @@ class RiskListener(Listener):
     def within(self) -> str:
         """The horizon, as the user wrote it."""
         return self.horizon.text
+
+    @property
+    def bound(self) -> bool:
+        """Whether guards are taken to hold, so that the risk is an upper bound."""
+        return bool(self._assumed)
 
     def of(self, watch: MonitoredTrace) -> tuple[float, ...]:
         """Return the risk of each column."""

@@ -85,6 +85,10 @@ class FollowedRisk(Protocol):
     def within(self) -> str:
         """The horizon, as the user wrote it."""
 
+    @property
+    def bound(self) -> bool:
+        """Whether the numbers are upper bounds."""
+
     def of(self, watch: MonitoredTrace) -> Sequence[float]:
         """Return the risk of each column, that of the tree first."""
 
@@ -379,7 +383,9 @@ class LogReport(Listener):
             "waits": list(self._waits),
             "texts": list(self._texts),
             "outlooks": list(self._outlooks),
-            "risk": None if self._risk is None else {"within": self._risk.within, "timed": tree.time is not None},
+            "risk": None
+            if (risk := self._risk) is None
+            else {"within": risk.within, "bound": risk.bound, "timed": tree.time is not None},
             "clock": self._clock,
             "undetected": self._undetected,
             "at": self._at,

@@ -40,7 +40,7 @@ def test_a_page_has_the_risk_of_the_monitor(files: tuple[Path, Path], tmp_path: 
     ways = (tree, log, *RISK, "--semantics", semantics)
     assert run("report", *ways, "-o", tmp_path / "page.html").exit_code in (0, 1)
     data, told = page(tmp_path / "page.html"), monitored(*ways)
-    assert data["risk"] == {"within": "24 h", "timed": True}
+    assert data["risk"] == {"within": "24 h", "bound": False, "timed": True}
     places = data["places"]
     assert places["risk"] == [told[number]["risk"] for number in places["number"]]
     before = 0.0
@@ -58,7 +58,15 @@ def test_contradictions_are_counted(tmp_path: Path) -> None:
     run("report", tree, log, "--risk", "1", "--semantics", "scattered", "-o", tmp_path / "page.html")
     data = page(tmp_path / "page.html")
     assert data["places"]["contradictions"] == [0, 1, 2, 0]
-    assert data["risk"] == {"within": "1", "timed": False}
+    assert data["risk"] == {"within": "1", "bound": False, "timed": False}
+
+
+def test_a_guard_that_is_taken_to_hold_makes_a_bound(tmp_path: Path) -> None:
+    text = "event e(n, v) = {event: n, t: v}; t and a b when V > W; a on e('a', V) lambda=.5; b on e('b', W) lambda=.5;"
+    tree = written(tmp_path / "tree.rvaft", text.replace("'", '"'))
+    log = written(tmp_path / "log.jsonl", log_of(["a", "b"]))
+    run("report", tree, log, "--risk", "1", "--semantics", "scattered", "-o", tmp_path / "page.html")
+    assert page(tmp_path / "page.html")["risk"]["bound"]
 
 
 def test_a_page_without_the_option_has_no_risk(files: tuple[Path, Path], tmp_path: Path) -> None:

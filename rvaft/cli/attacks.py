@@ -8,12 +8,24 @@ from typing import Final
 import click
 
 from rvaft.cli import options
-from rvaft.cli.risk_tree import Horizon, csv_text, number_text, risk_tree, time_option, without_option
+from rvaft.cli.risk_tree import (
+    Horizon,
+    chart_option,
+    csv_text,
+    number_text,
+    risk_tree,
+    time_option,
+    without_option,
+    write_chart,
+)
+from rvaft.export.chart import Chart
 from rvaft.model.nodes import Kind
 from rvaft.risk.attacks import Attack, Attacks
 from rvaft.risk.model import without
 from rvaft.support.terminal import columns
 
+_ROWS: Final = 12
+"""Maximum number of attacks that a chart lists."""
 _BY: Final = ("cheapest", "most-probable", "front", "damage-front")
 _LIST: Final = (
     "Minimal attacks, the cheapest or the most probable first, or the attacks that no other beats in cost and "
@@ -30,6 +42,7 @@ _LIST: Final = (
 @options.number("--limit", default=100, least=1, text="Maximum number of minimal attacks to list.")
 @without_option
 @options.output_format("text", "json", "csv")
+@chart_option
 def attacks_command(
     *,
     tree: str,
@@ -41,6 +54,7 @@ def attacks_command(
     limit: int,
     gone: tuple[str, ...],
     form: str,
+    output: str | None,
 ) -> int:
     """List attacks with cost, probability and expected damage.
 
@@ -48,6 +62,8 @@ def attacks_command(
     leaves are faults with prob=P or lambda=RATE, which nobody chooses. A node with damage=D hurts when
     it happens.
     """
+    options.refuse(output is not None and by != "front", "-o draws a front of two axes: add --list front")
+    options.refuse(output is not None and form != "text", f"-o draws a chart, not the format {form}")
     given = risk_tree(tree, branch=branch, kind=kind)
     for name in gone:
         given = without(given, name)
@@ -59,8 +75,23 @@ def attacks_command(
         found = attacks.front(damage=by == "damage-front")
     else:
         found = attacks.minimal(limit, order=max_order, by="cost" if by == "cheapest" else "probability")
-    sys.stdout.write(_written(found, form))
+    if output is not None:
+        write_chart(_chart(found, given.root, horizon), output)
+    else:
+        sys.stdout.write(_written(found, form))
     return 0
+
+
+def _chart(found: list[Attack], root: str, horizon: Horizon | None) -> Chart:
+    """Return the greatest probability for each budget, with the attacks that reach it if they are few."""
+    points = [(one.cost, one.probability) for one in found]
+    rows = [
+        f"cost {number_text(one.cost)}, P {number_text(one.probability)}: {', '.join(one.steps) or '(none)'}"
+        for one in found
+    ]
+    by = "" if horizon is None else f" by {horizon.text}"
+    title = f"Attacks on {root} that no other beats"
+    return Chart(title, "cost", f"greatest P({root}{by})", points, steps=True, rows=rows if len(rows) <= _ROWS else ())
 
 
 def _written(found: list[Attack], form: str) -> str:

@@ -1,15 +1,25 @@
 """`rvaft report`: an HTML page about the events and detections in logs, or one for each of several trees."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
 from rvaft.cli import FAILED, log_options, options, warn
-from rvaft.cli.monitor import TracesGiven, limit_option, merge_option, plan_of, require_companions, stream_options
+from rvaft.cli.monitor import (
+    RISK,
+    TracesGiven,
+    limit_option,
+    merge_option,
+    plan_of,
+    require_companions,
+    require_one_by_one,
+    stream_options,
+)
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held, read_afresh
 from rvaft.cli.monitor_run import run
+from rvaft.cli.risk_tree import time_option
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.model.nodes import Kind
 from rvaft.reports.index import INDEX, Row, index_page, page_names
@@ -17,9 +27,12 @@ from rvaft.reports.log_report import LATEST, PLACES, LogReport, Messages
 from rvaft.rules.validity import valid_part
 from rvaft.stream.detection_commands import Hooks
 from rvaft.stream.monitor_set import Per
-from rvaft.stream.plan import Totals
+from rvaft.stream.plan import MonitoringPlan, Totals
 from rvaft.stream.verdict_change import MonitoredTrace
 from rvaft.support.files import deliver, place, require_folder
+
+if TYPE_CHECKING:
+    from rvaft.cli.monitor_risk import RiskListener
 
 _OUTPUT: Final = "Write the page to this file instead of standard output, or the pages of several trees to this folder."
 MOST: Final = "Maximum number of events on the page."
@@ -74,6 +87,7 @@ _OPTIONS: Final = (
     log_options.log_format,
     log_options.strict_json,
     merge_option,
+    time_option("--risk", "risk", RISK),
     limit_option,
 )
 
@@ -104,6 +118,8 @@ class PageRequest:
     ) -> None:
         options.refuse(tree == "-", "TREE is a file: standard input is read as a log")
         require_companions(given)
+        if given["risk"] is not None:
+            require_one_by_one(given)
         files, logs = trees_given(tree, logs)
         wholes = loaded(files)
         many = len(wholes) > 1
@@ -123,7 +139,8 @@ class PageRequest:
             name = click.format_filename(file)
             with about(file, many=many):
                 plan = plan_of(valid_part(whole, branch, kind), whole, given)
-                self.reports[name] = report = LogReport(whole, plan, most=most, grows=follow)
+                risk = _risk(file, plan, given)
+                self.reports[name] = report = LogReport(whole, plan, most=most, grows=follow, risk=risk)
             self.settings.append(
                 MonitorSettings(
                     plan,
@@ -142,7 +159,7 @@ class PageRequest:
                     clock=clock,
                     complete=given["complete"],
                     unchosen=given["semantics"] is None and whole.semantics is None,
-                    others=(report,),
+                    others=(report,) if risk is None else (risk, report),
                     many=many,
                 )
             )
@@ -165,6 +182,15 @@ class PageRequest:
         """Read the logs and return the exit status."""
         status = run(self.settings, self._traces.sources, report=make)
         return FAILED if self._traces.missing.met else status
+
+
+def _risk(file: str, plan: MonitoringPlan, given: Mapping[str, Any]) -> "RiskListener | None":
+    """Return what follows the risk of a tree, if it is asked for."""
+    if given["risk"] is None:
+        return None
+    from rvaft.cli.monitor_risk import risk_listener  # noqa: PLC0415 -- imported on use
+
+    return risk_listener(file, plan, given["risk"], None, Hooks())
 
 
 @click.command("report", cls=TreesCommand)

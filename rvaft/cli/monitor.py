@@ -125,7 +125,7 @@ Examples:
   rvaft monitor guessing.rvaft logs/*.jsonl --repeat-by User --format ecs
   journalctl -f -o json | rvaft monitor guessing.rvaft --profile journald
 """
-_RISK: Final = "After each event, the probability of a detection within this time, as in '1 h'."
+RISK: Final = "After each event, the probability of a detection within this time, as in '1 h'."
 _ABOVE: Final = "With --risk and --exec: also run the command when the risk rises above this probability."
 _METRICS: Final = "Write counts of events and detections to FILE every 5 seconds, for Prometheus."
 _KEY: Final = "Monitor each value of this field separately; repeat for a key of several fields."
@@ -178,7 +178,7 @@ limit_option: Final = options.number("--max-configurations", text=_MOST)
 @log_options.strict_json
 @merge_option
 @options.number("--jobs", default=1, text="Number of processes.")
-@time_option("--risk", "risk", _RISK)
+@time_option("--risk", "risk", RISK)
 @click.option("--risk-above", type=click.FloatRange(0, 1), callback=options.finite, metavar="P", help=_ABOVE)
 @click.option("--exec", "execute", metavar="CMD", help="Run this command on each detection.")
 @click.option("--exec-fault", metavar="CMD", help="Run this command on each detection of a fault.")
@@ -299,11 +299,16 @@ def _check_risk(given: Mapping[str, Any]) -> None:
     if given["risk"] is None:
         return
     options.refuse(given["jobs"] > 1, "--risk follows the events in one process: omit --jobs")
+    require_one_by_one(given)
+    options.refuse(given["form"] in FORMS, f"--risk is for the formats {', '.join(REPORTERS)}, not for {given['form']}")
+
+
+def require_one_by_one(given: Mapping[str, Any]) -> None:
+    """Refuse options with which no risk can be followed."""
     for name in ("native", "engine", "backend", "foxglove", "checkpoint", "repeat_by", "order_by", "template"):
         options.refuse(
-            given[name], f"--risk follows the events of the engine one by one: omit --{name.replace('_', '-')}"
+            given.get(name), f"--risk follows the events of the engine one by one: omit --{name.replace('_', '-')}"
         )
-    options.refuse(given["form"] in FORMS, f"--risk is for the formats {', '.join(REPORTERS)}, not for {given['form']}")
 
 
 def _reactions(

@@ -40,6 +40,7 @@ class RiskListener(Listener):
         self._fresh = [
             _of(part, one, horizon.value, plan.monitors.semantics) for part, one in zip(parts, forms, strict=True)
         ]
+        self._assumed = form.assumed
         self.horizon, self._above, self._hooks = horizon, above, hooks
         self._following: dict[MonitoredTrace, list[RiskMonitor | MonitorStates]] = {}
         self._risks: dict[MonitoredTrace, tuple[float, ...]] = {}
@@ -75,6 +76,16 @@ class RiskListener(Listener):
         if self._above is not None and before[0] <= self._above < now[0]:
             told = {"trace": watch.trace, "event": number, "risk": now[0], "kinds": [], **self.coming(watch)}
             self.failures += self._hooks.run(told)
+
+    @property
+    def within(self) -> str:
+        """The horizon, as the user wrote it."""
+        return self.horizon.text
+
+    @property
+    def bound(self) -> bool:
+        """Whether guards are taken to hold, so that the risk is an upper bound."""
+        return bool(self._assumed)
 
     def of(self, watch: MonitoredTrace) -> tuple[float, ...]:
         """Return the risk of each column."""

@@ -10,9 +10,19 @@ from typing import Final
 import click
 
 from rvaft.cli import options, warn
-from rvaft.cli.risk_tree import Horizon, csv_text, number_text, risk_tree, time_option, without_option
+from rvaft.cli.risk_tree import (
+    Horizon,
+    chart_option,
+    csv_text,
+    number_text,
+    risk_tree,
+    time_option,
+    without_option,
+    write_chart,
+)
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, RvaftError, TooLarge
+from rvaft.export.chart import Chart
 from rvaft.model.expressions import name_text
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics
@@ -45,6 +55,7 @@ _SIMULATE: Final = "Estimate the probability from N simulated logs, which also w
 @options.number("--seed", default=1, least=0, text="Seed of --simulate.")
 @options.semantics_option
 @options.output_format("text", "json", "csv")
+@chart_option
 def risk_command(
     *,
     tree: str,
@@ -59,6 +70,7 @@ def risk_command(
     seed: int,
     semantics: Semantics | None,
     form: str,
+    output: str | None,
 ) -> int:
     """Compute the probability that the root of a tree has happened by a time.
 
@@ -67,6 +79,8 @@ def risk_command(
     both are exact.
     """
     options.exclusive(**{"curve": curve, "importance": importance, "prune-below": prune_below, "simulate": samples})
+    options.refuse(output is not None and curve is None, "-o draws a curve: add --curve N")
+    options.refuse(output is not None and form != "text", f"-o draws a chart, not the format {form}")
     given = risk_tree(tree, branch=branch, kind=kind)
     for name in gone:
         given = without(given, name)
@@ -84,7 +98,7 @@ def risk_command(
     if curve is not None:
         if horizon is None:
             raise click.UsageError("--curve needs --time", click.get_current_context())
-        _write_curve(analysis, horizon, curve, form)
+        _write_curve(analysis, horizon, curve, form, output)
     elif importance:
         _write_importance(given, analysis.importance(time), time, form)
     elif prune_below is not None:
@@ -180,10 +194,15 @@ def _finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _write_curve(analysis: Analysis, horizon: Horizon, points: int, form: str) -> None:
+def _write_curve(analysis: Analysis, horizon: Horizon, points: int, form: str, output: str | None) -> None:
     times = [horizon.value * step / points for step in range(points + 1)]
     found = analysis.curve(times)
-    if form == "json":
+    if output is not None:
+        bound = " (upper bound)" if analysis.tree.assumed else ""
+        title = f"Probability of {analysis.tree.root}{bound}"
+        scaled = [(horizon.scaled(t), p) for t, p in zip(times, found, strict=True)]
+        write_chart(Chart(title, f"time t{horizon.unit_text}", "P(by time t)", scaled), output)
+    elif form == "json":
         sys.stdout.write(
             json.dumps([{"time": t, "probability": p} for t, p in zip(times, found, strict=True)], indent=2) + "\n"
         )

@@ -11,11 +11,14 @@ import click
 
 from rvaft.cli import options
 from rvaft.errors import OptionError
+from rvaft.export import format_of
+from rvaft.export.chart import FORMATS, Chart, chart_text
 from rvaft.model.event_time import UNITS, duration
 from rvaft.model.nodes import Kind
 from rvaft.model.quantities import NANOSECONDS
 from rvaft.risk.model import RiskTree, of_draft, of_tree
 from rvaft.rules.validity import valid_part
+from rvaft.support.files import deliver
 
 TIME: Final = "The time at which to ask, as in '1000 h'; a number alone if the rates have no unit."
 
@@ -43,13 +46,22 @@ class Horizon:
         if unit is not None and self.timed != (unit == "s"):
             units = ", ".join(UNITS)
             has, asked = ("units", f"a time with a unit ({units})") if unit else ("no unit", "a number alone")
-            raise OptionError(f"the rates of the tree have {has}: write --time as {asked}, not {self.text!r}")
+            raise OptionError(f"the rates of the tree have {has}: write the time as {asked}, not {self.text!r}")
 
     def shown(self, value: float) -> str:
         """Return a time, of the unit of the rates, in the unit that the user wrote."""
         if not self._unit:
             return number_text(value)
-        return f"{number_text(value * NANOSECONDS / UNITS[self._unit])} {self._unit}"
+        return f"{number_text(self.scaled(value))} {self._unit}"
+
+    def scaled(self, value: float) -> float:
+        """Return a time, of the unit of the rates, as a number in the unit that the user wrote."""
+        return value * NANOSECONDS / UNITS[self._unit] if self._unit else value
+
+    @property
+    def unit_text(self) -> str:
+        """The unit that the user wrote, for the name of an axis; "" for none."""
+        return f" in {self._unit}" if self._unit else ""
 
 
 def time_option(name: str, target: str, text: str = TIME) -> Callable[[options.F], options.F]:
@@ -62,6 +74,12 @@ def _horizon(_context: object, _parameter: object, text: str | None) -> Horizon 
         return None if text is None else Horizon(text)
     except OptionError as error:
         raise click.BadParameter(str(error)) from None
+
+
+def _drawable(_context: object, _parameter: object, file: str | None) -> str | None:
+    if file is not None and format_of(file) not in FORMATS:
+        raise click.BadParameter(f"{file!r} has none of the suffixes of a chart: .svg, .pdf, .png and .tex")
+    return file
 
 
 def risk_tree(tree: str, *, branch: int | None = None, kind: Kind | None = None) -> RiskTree:
@@ -77,6 +95,18 @@ def risk_tree(tree: str, *, branch: int | None = None, kind: Kind | None = None)
 without_option: Final = click.option(
     "--without", "gone", multiple=True, metavar="NODE", help="As if this node never happened; repeatable."
 )
+
+
+chart_option: Final = click.option(
+    "-o", "--output", metavar="FILE", callback=_drawable, help="Draw a chart to FILE: .svg, .pdf, .png or .tex."
+)
+
+
+def write_chart(chart: Chart, output: str) -> None:
+    """Write a chart to a file, in the format of its suffix."""
+    form = format_of(output)
+    assert form is not None, "the option has been checked"
+    deliver(chart_text(chart, form), output)
 
 
 def csv_text(rows: Iterable[Sequence[object]]) -> str:

@@ -12,6 +12,7 @@ import click
 
 from rvaft.api import monitor
 from rvaft.cli import options, warn
+from rvaft.cli.risk_tree import Horizon, time_option
 from rvaft.core.branches import Branch, branches
 from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError
@@ -29,6 +30,7 @@ from rvaft.support.terminal import visible
 from rvaft.support.wording import counted
 
 _FORMAT: Final = "Output format; by default that of FILE's suffix, else tree. pdf and png need cairosvg."
+_RISK: Final = "Write the probability of each node by this time in its box, as in '1000 h'."
 _EVENTS: Final = "Show runtime events and guards below labels; by default only in the terminal."
 
 
@@ -43,6 +45,8 @@ _EVENTS: Final = "Show runtime events and guards below labels; by default only i
 @click.option(
     "--highlight", multiple=True, metavar="branch:N|TRACE", help="Mark a branch, or the detection in a trace."
 )
+@options.number("--cut-set", text="Mark this minimal cut set, as `rvaft cut-sets` numbers them.")
+@time_option("--risk", "risk", _RISK)
 @options.semantics_option
 @options.flag("--legend", help="Add a legend of the symbols.")
 @options.flag("--stagger", help="Place some leaves a level lower, for a narrower tree.")
@@ -52,15 +56,18 @@ def show_command(*, tree: str, form: Format | None, output: str | None, highligh
     """Draw a tree, or write it in another format. Use - as TREE for standard input."""
     chosen, semantics = form or _suggested(output), look.pop("semantics")
     given = {name: value for name, value in {**look, "highlight": highlight}.items() if value not in (None, ())}
-    everywhere, in_boxes = ("events", "depth", "collapse", "highlight"), ("names", "wrap", "legend", "stagger", "boxes")
+    everywhere = ("events", "depth", "collapse", "highlight", "cut_set", "risk")
+    in_boxes = ("names", "wrap", "legend", "stagger", "boxes")
     for useless, refused, why in (
         (not chosen.drawing, everywhere + in_boxes, "which writes the whole tree"),
         (chosen is Format.TREE, in_boxes, "which has no boxes"),
         (chosen is Format.DOT, ("boxes",), "which has no symbols"),
     ):
-        names = [f"--no-{name}" if given[name] is False else f"--{name}" for name in refused if name in given]
+        found = [name for name in refused if name in given]
+        names = [f"--{'no-' if given[name] is False else ''}{name.replace('_', '-')}" for name in found]
         options.refuse(useless and names, f"{' and '.join(names)}: not for the format {chosen}, {why}")
     options.refuse(len(highlight) > 1, "--highlight marks one branch or one trace: give it once")
+    options.refuse(highlight and "cut_set" in given, "--cut-set and --highlight exclude each other")
     on_screen = output in (None, "-") and sys.stdout.isatty()
     options.refuse(
         chosen in (Format.PDF, Format.PNG) and on_screen,
@@ -68,12 +75,24 @@ def show_command(*, tree: str, form: Format | None, output: str | None, highligh
     )
     loaded = options.read_tree(tree)
     given["marks"] = _highlighted(loaded, given.pop("highlight")[0], semantics) if highlight else None
+    number, horizon = given.pop("cut_set", None), given.pop("risk", None)
+    if number is not None or horizon is not None:
+        given |= _risk_look(tree, loaded, number, horizon)
     given["symbols"] = not given.pop("boxes", False)
     deliver(draw(loaded, chosen, Look(**{"events": chosen is Format.TREE, **given})), output)
     if chosen in LOSSES:
         for loss in LOSSES[chosen](loaded):
             warn(f"{chosen}: {loss}")
     return 0
+
+
+def _risk_look(file: str, tree: RVAFT, number: int | None, horizon: Horizon | None) -> dict[str, Any]:
+    """Return the marks of a cut set, and the probabilities of nodes."""
+    from rvaft.cli import risk_drawing  # noqa: PLC0415 -- imported on use
+
+    form = risk_drawing.form_of(file, tree)
+    marked = {} if number is None else {"marks": risk_drawing.cut_set_marks(tree, form, number)}
+    return marked | ({} if horizon is None else {"values": risk_drawing.probabilities(tree, form, horizon)})
 
 
 def _suggested(output: str | None) -> Format:

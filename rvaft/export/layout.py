@@ -94,6 +94,41 @@ def branch_marks(tree: RVAFT, number: int) -> Marks:
     return Marks(kept, {}, (_title(number, found.kinds),), f"branch {number}")
 
 
+def set_marks(tree: RVAFT, leaves: Collection[str], title: str) -> Marks:
+    """Return the marks of the nodes that a set of leaves brings about, as far as the root needs them.
+
+    Raises `ValueError` if the set does not bring the root about.
+    """
+    there: set[str] = set()
+    for node in tree.bottom_up():
+        found = sum(child in there for child in node.children)
+        if node.name in leaves or (node.children and found >= _needed(node)):
+            there.add(node.name)
+    if tree.root not in there:
+        raise ValueError(f"{', '.join(leaves)} does not bring {tree.root} about")
+    kept: dict[str, frozenset[str]] = {}
+    waiting = [tree.root]
+    while waiting:
+        name = waiting.pop()
+        if name not in kept:
+            kept[name] = frozenset(child for child in tree.nodes[name].children if child in there)
+            waiting += kept[name]
+    return Marks(kept, {}, (title,), title)
+
+
+def _needed(node: Node) -> int:
+    """Return how many children a gate needs."""
+    match node.gate:
+        case Gate.OR:
+            return 1
+        case Gate.VOT:
+            return node.threshold or 1
+        case None | Gate.AND | Gate.SAND | Gate.SAND_RL | Gate.PAND:
+            return len(node.children)
+        case _:
+            assert_never(node.gate)
+
+
 def _note(number: int, event: Json, tree: RVAFT) -> Iterator[str]:
     yield f"event {number}"
     fields = {field: event[field] for field in ("time", "topic") if isinstance(event, Mapping) and field in event}
@@ -122,7 +157,8 @@ class Look:
     `collapse` names nodes whose children are hidden; `depth` is the number of levels below the
     root. `events` shows runtime events and guards, `names` the names of labelled nodes; `wrap` is
     in columns. `stagger` draws some leaves one level lower, for a narrower tree.
-    `symbols` draws the symbols of fault trees below the boxes; without, gates are texts.
+    `symbols` draws the symbols of fault trees below the boxes; without, gates are texts. `values` are
+    short texts in the boxes of nodes, such as probabilities.
     """
 
     events: bool = False
@@ -134,6 +170,7 @@ class Look:
     legend: bool = False
     stagger: bool = False
     symbols: bool = True
+    values: Mapping[str, str] | None = None
 
 
 PLAIN: Final = Look()
@@ -154,7 +191,8 @@ def looking(
         raise OptionError(f"a box has at least {NARROWEST} columns of text, not {wrap}")
     collapsed = (collapse,) if isinstance(collapse, str) else tuple(collapse)
     marked = None if branch is None else branch_marks(tree, branch)
-    return Look(wrap=WIDTH if wrap is None else wrap, depth=depth, collapse=collapsed, marks=marked, **shown)
+    width = WIDTH if wrap is None else wrap
+    return Look(wrap=width, depth=depth, collapse=collapsed, marks=marked, values=None, **shown)
 
 
 @dataclass(frozen=True)
@@ -251,6 +289,8 @@ def rows(node: Node, look: Look) -> Iterator[tuple[Role, list[str]]]:
         yield Role.GUARD, [_window(node)]
     for clause in node.without if look.events else ():
         yield Role.GUARD, wrapped_code(without_text(clause), code_width)
+    if look.values and node.name in look.values:
+        yield Role.BOLD, [look.values[node.name]]
     for place, part in enumerate(look.marks.notes.get(node.name, ()) if look.marks else ()):
         yield Role.PLAIN if place else Role.BOLD, wrapped(part, width)
 
@@ -263,8 +303,8 @@ def _window(node: Node) -> str:
     return "" if node.within is None else f"within {duration_text(node.within)}"
 
 
-def node_line(node: Node, *, events: bool = True) -> str:
-    """Return a node in one line: gate, window, kind, event, number, guard and label."""
+def node_line(node: Node, *, events: bool = True, value: str = "") -> str:
+    """Return a node in one line: gate, window, kind, event, number, guard, label and value."""
     parts = [
         gate_text(node),
         _window(node),
@@ -273,6 +313,7 @@ def node_line(node: Node, *, events: bool = True) -> str:
         f"when {guard_text(node.when)}" if node.when is not None and events else "",
         *(without_text(clause) for clause in node.without if events),
         readable_json(node.label) if node.label else "",
+        value,
     ]
     return visible("  ".join(filter(None, parts)))
 

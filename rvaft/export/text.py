@@ -62,7 +62,7 @@ def _lines(tree: RVAFT, look: Look, part: View) -> Iterator[tuple[str, str, str 
             drawn.add(name)
             node = tree.nodes[name]
             children = part.children(node)
-            if words := node_line(node, events=look.events):
+            if words := node_line(node, events=look.events, value=(look.values or {}).get(name, "")):
                 shown += f"{' ' if node.gate else '  '}{words}"
             if level == MAX_LEVELS and children:
                 sections.append(name)

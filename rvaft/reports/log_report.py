@@ -18,7 +18,7 @@ from html import escape
 from itertools import chain, islice
 from secrets import token_hex
 from time import monotonic
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from rvaft.core.branches import branches
 from rvaft.core.letters import Letter
@@ -68,17 +68,42 @@ SHARE: Final = 0.1
 """Maximum share of the time for missing events on a growing page, and for scanning keys."""
 FINISHED_SHARE: Final = 0.3
 """Time for missing events of a complete log, as a share of that for all else."""
-_CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){7})")
+_CURSOR: Final = re.compile(r"([0-9a-f]{16}-[0-9]{1,9})((?:-[0-9]{1,9}){8})")
 _LATEST: Final = 10**15
 """Greater instants are left out of the time axis."""
+_LISTS: Final = ("number", "watch", "nodes", "waits", "time", "instant", "event")
+_OF_RISK: Final = ("risk", "outlook", "contradictions")
+"""The lists of a page with the risk."""
 Messages = Mapping[str, Sequence[str]]
 """Lines of text by heading: messages `said`, and the summary `held`."""
+
+
+class FollowedRisk(Protocol):
+    """The risk of the tree in each trace or key, up to the event that was last read."""
+
+    @property
+    def within(self) -> str:
+        """The horizon, as the user wrote it."""
+
+    @property
+    def bound(self) -> bool:
+        """Whether the numbers are upper bounds."""
+
+    def of(self, watch: MonitoredTrace) -> Sequence[float]:
+        """Return the risk of each column, that of the tree first."""
+
+    def changed(self, watch: MonitoredTrace) -> bool:
+        """Whether the last event changed a risk."""
+
+    def coming(self, watch: MonitoredTrace) -> Mapping[str, Any]:
+        """Return `next`, the awaited event that raises the risk most, `values` and `contradictions`, if any."""
 
 
 class LogReport(Listener):
     """Collects data for a page about a tree; at most `most` events have a place.
 
-    These are the first events, or the latest if the page `grows`. `unit` names what is monitored.
+    These are the first events, or the latest if the page `grows`. `unit` names what is monitored. A `risk`
+    is asked after each event, so it must be notified before the report is.
 
     >>> import rvaft
     >>> from rvaft.stream.monitor_set import MonitorSet, columns
@@ -91,12 +116,18 @@ class LogReport(Listener):
     concerned = whole = True
 
     def __init__(
-        self, tree: RVAFT, plan: MonitoringPlan, *, most: int = PLACES, grows: bool = False, unit: str = ""
+        self,
+        tree: RVAFT,
+        plan: MonitoringPlan,
+        *,
+        most: int = PLACES,
+        grows: bool = False,
+        unit: str = "",
+        risk: FollowedRisk | None = None,
     ) -> None:
         self.tree = tree = whole(tree)
         self.plan = plan
-        self.most = most
-        self.grows = grows
+        self.most, self.grows = most, grows
         self.unit = unit or ("log" if plan.key is None else "key")
         self.number = tree.rank
         self._nodes = nodes = dict[Letter, list[int]]()
@@ -105,9 +136,8 @@ class LogReport(Listener):
         self._watches: list[MonitoredTrace] = []
         self._own: dict[int, int] = {}
         self._latest: dict[int, int] = {}
-        self._lists: dict[str, list[Any]] = {
-            name: [] for name in ("number", "watch", "nodes", "waits", "time", "instant", "event")
-        }
+        self._risk = risk
+        self._lists: dict[str, list[Any]] = {name: [] for name in (*_LISTS, *(_OF_RISK if risk is not None else ()))}
         self._field = OrderedField("time" if tree.time is None else ".".join(tree.time.field), tree.time)
         self._texts: dict[Hashable, int] = {}
         self._size, self._cut = 0, False
@@ -116,8 +146,9 @@ class LogReport(Listener):
         """The last places of each watch whose events are not kept."""
         self._after: dict[int, int] = {}
         """How many further events of a watch are kept."""
-        self._node_sets: dict[Hashable, int] = {}
-        self._waits: dict[Hashable, int] = {}
+        self._node_sets, self._waits = dict[Hashable, int](), dict[Hashable, int]()
+        # the awaited events that raise a risk most, each with that risk and the values of the match
+        self._outlooks: dict[Hashable, int] = {}
         self._changes: list[dict[str, Any]] = []
         self._at: list[int] = []
         self._most_left = self._left = SECONDS * SHARE
@@ -160,8 +191,8 @@ class LogReport(Listener):
         if self._recent is not None:
             self._recent.event(watch, number, event)
         nodes = self._fitting(event)
-        if not nodes:  # relevant, but not an event of the tree
-            return
+        if not nodes and not (self._risk is not None and self._risk.changed(watch)):
+            return  # relevant, but not an event of the tree
         if self.grows:
             self._make_room_where_full()
         elif len(self._lists["number"]) >= self.most:
@@ -287,13 +318,14 @@ class LogReport(Listener):
         if known is None or not here.startswith(f"{known[1]}-") or any(map(int.__gt__, from_, ends)):
             new: dict[str, Any] = {**self._all(name, messages), "cursor": here}
         else:
-            places, node_sets, waits, texts, changes, revision, late = from_
+            places, node_sets, waits, texts, outlooks, changes, revision, late = from_
             new_messages = {"told": self._shown} if self._messages_revised > revision else {}
             new = {
                 "places": {name: some[places:] for name, some in self._lists.items()},
                 "node_sets": list(islice(self._node_sets, node_sets, None)),
                 "waits": list(islice(self._waits, waits, None)),
                 "texts": list(islice(self._texts, texts, None)),
+                "outlooks": list(islice(self._outlooks, outlooks, None)),
                 "late": self._found_late[late:],
                 "at": self._at[changes:],
                 "changes": self._changes[changes:],
@@ -307,7 +339,7 @@ class LogReport(Listener):
 
     @property
     def _cursor(self) -> str:
-        ends = (self._lists["number"], self._node_sets, self._waits, self._texts, self._changes)
+        ends = (self._lists["number"], self._node_sets, self._waits, self._texts, self._outlooks, self._changes)
         return "-".join(
             map(str, (self._token, self._generation, *map(len, ends), self._revision, len(self._found_late)))
         )
@@ -350,6 +382,10 @@ class LogReport(Listener):
             "node_sets": list(self._node_sets),
             "waits": list(self._waits),
             "texts": list(self._texts),
+            "outlooks": list(self._outlooks),
+            "risk": None
+            if (risk := self._risk) is None
+            else {"within": risk.within, "bound": risk.bound, "timed": tree.time is not None},
             "clock": self._clock,
             "undetected": self._undetected,
             "at": self._at,
@@ -424,8 +460,13 @@ class LogReport(Listener):
         self._latest = {watch: place - gone for watch, place in self._latest.items() if place >= gone}
         self._keep_watches({*lists["watch"], *(at for at in range(len(self._watches)) if at not in self._ended)})
         matched = [match for change in self._changes for one in change["detections"] for match in one["matched"]]
-        tables = ("nodes", self._node_sets), ("waits", self._waits), ("event", self._texts)
-        for name, table in tables:
+        tables = (
+            ("nodes", self._node_sets),
+            ("waits", self._waits),
+            ("outlook", self._outlooks),
+            ("event", self._texts),
+        )
+        for name, table in tables if self._risk is not None else (*tables[:2], tables[3]):
             more = (match[3] for match in matched) if table is self._texts else ()
             used = [one for one in dict.fromkeys(chain(lists[name], more)) if one >= 0]
             words, number = list(table), {one: place for place, one in enumerate(used)}
@@ -479,7 +520,19 @@ class LogReport(Listener):
         lists["time"].append(self._time(event))
         lists["instant"].append(self._instant(event))
         lists["waits"].append(self._waiting(watch))
+        if self._risk is not None:
+            self._note_risk(watch, self._risk)
         self._latest[id(watch)] = len(lists["waits"]) - 1
+
+    def _note_risk(self, watch: MonitoredTrace, risk: FollowedRisk) -> None:
+        """Note the risk after the last event of a watch, and what may come."""
+        coming = risk.coming(watch)
+        following = coming.get("next")
+        values = ", ".join(f"{name} = {_text(value)}" for name, value in coming.get("values", {}).items())
+        outlook = (visible(following["node"]), following["risk"], values) if following else ("", None, values)
+        self._lists["risk"].append(risk.of(watch)[0])
+        self._lists["outlook"].append(self._outlooks.setdefault(outlook, len(self._outlooks)))
+        self._lists["contradictions"].append(coming.get("contradictions", 0))
 
     def _content(self, event: Json, *, share: int = 1) -> int:
         """Return the number of the text of an event."""

@@ -12,8 +12,9 @@ class Listener:
     """A listener that ignores all notifications.
 
     With `every` it receives every event, with `concerned` relevant events while a verdict may
-    change, else only events that change a verdict. With `whole` these events have all fields. Without
-    `whole`, and with a single trace, `events` reports a range of events instead of `event` each.
+    change, after those with `every`; else only events that change a verdict. With `whole` these
+    events have all fields. Without `whole`, and with a single trace, `events` reports a range of
+    events instead of `event` each.
     """
 
     every = False

@@ -154,8 +154,9 @@ class TraceRun(TraceProgress):
                         self.notify(VerdictChange(watch, number, event, changed, self.line_of(number)))
                         continue
                     if of_concern and monitors.live and (monitors.concerned or (event_kind.relevant and not skips)):
-                        for listener in of_concern:
+                        for listener in (*each, *of_concern):
                             listener.event(watch, number, event)
+                        continue
                 for listener in each:
                     listener.event(watch, number, event)
         except TooLarge:

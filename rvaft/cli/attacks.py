@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Final
 
 import click
+from click.core import ParameterSource
 
 from rvaft.cli import options
 from rvaft.cli.risk_tree import Horizon, csv_text, number_text, risk_tree, time_option, without_option
@@ -48,6 +49,11 @@ def attacks_command(
     leaves are faults with prob=P or lambda=RATE, which nobody chooses. A node with damage=D hurts when
     it happens.
     """
+    if by in ("front", "damage-front"):
+        context = click.get_current_context()
+        for name in ("max_order", "limit"):
+            chosen = context.get_parameter_source(name) is not ParameterSource.DEFAULT
+            options.refuse(chosen, f"--{name.replace('_', '-')} is for minimal attacks: omit it with --list {by}")
     given = risk_tree(tree, branch=branch, kind=kind)
     for name in gone:
         given = without(given, name)

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from rvaft.cli import warn
 from rvaft.cli.risk_tree import Horizon, risk_tree
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError
@@ -44,6 +45,8 @@ class RiskListener(Listener):
         self._following: dict[MonitoredTrace, list[RiskMonitor | MonitorStates]] = {}
         self._risks: dict[MonitoredTrace, tuple[float, ...]] = {}
         self._changed: dict[MonitoredTrace, bool] = {}
+        self.first = self._fresh[0].risk
+        """The risk before any event."""
         self.failures: list[str] = []
         """What went wrong with commands since the last time that this was read."""
 
@@ -115,4 +118,10 @@ def risk_listener(file: str, plan: MonitoringPlan, horizon: Horizon, above: floa
     """Return the listener for a tree of a file, or the part of it that is monitored."""
     part = plan.monitors.columns[0].part
     form = of_tree(part) if part.restricted else risk_tree(file)
-    return RiskListener(plan, form, horizon, above, hooks)
+    listener = RiskListener(plan, form, horizon, above, hooks)
+    if above is not None and listener.first > above:
+        warn(
+            f"the risk before any event is {listener.first:.6g}, above --risk-above {above:g}: the command runs "
+            "for the risk only when it rises again from below"
+        )
+    return listener

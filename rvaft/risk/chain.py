@@ -102,7 +102,7 @@ class Machine:
             if len(mine) > 1:
                 name = self.names[place.number]
                 raise RiskError(f"{name} is shared by parts of sequences that begin at different times: no chain "
-                                "describes this; use --simulate")  # fmt: skip
+                                "describes this: `rvaft risk --simulate N` estimates")  # fmt: skip
             [waits] = mine
             for before, child in zip((None, *place.children), place.children, strict=False):
                 more = waits if place.op is not Op.SEQUENCE or before is None else waits | {before}

@@ -363,7 +363,7 @@ class _Building:
         try:
             return quantities(node)
         except WrongQuantity as wrong:
-            raise RiskError(str(wrong)) from None
+            raise RiskError(f"{node.place()}: {wrong}" if node.places else str(wrong)) from None
 
     def _element(self, node: Node, kind: str | None) -> None:
         numbers = self._numbers(node)

@@ -70,7 +70,9 @@ class Analysis:
         self.unit = tree.unit
         if tree.timed:
             some = ", ".join(tree.timed[:5])
-            raise RiskError(f"windows, absent events and ends in order ({some}) have no chain: use --simulate")
+            raise RiskError(
+                f"windows, absent events and ends in order ({some}) have no chain: `rvaft risk --simulate N` estimates"
+            )
         self.tree = tree
         self._states, self._nodes = states, nodes
         self.parts = dynamic_parts(tree)
@@ -126,6 +128,8 @@ class Analysis:
         if not rates:
             return 0.0
         longest = self._longest(rates)
+        if not math.isfinite(longest * max(rates)):
+            raise RiskError("the rates are too far apart: no number is printed")
         cuts = [
             0.0,
             *(longest * 10 ** (-step / _PER_DECADE) for step in range(_PER_DECADE * _decades(longest, rates), -1, -1)),

@@ -49,8 +49,8 @@ class Importance:
     birnbaum: float
     criticality: float | None
     diagnostic: float | None
-    achievement: float
-    reduction: float
+    achievement: float | None
+    reduction: float | None
 
 
 class Analysis:
@@ -191,15 +191,15 @@ class Analysis:
 
 def _importance(name: str, p: float | None, with_it: float, without: float, whole: float) -> Importance:
     slope = with_it - without
-    ratio = with_it / whole if whole else math.nan
+    ratio = with_it / whole if whole else None
     return Importance(
         name,
         p,
         slope,
         None if p is None or not whole else p * slope / whole,
-        None if p is None or not whole else p * ratio,
+        None if p is None or ratio is None else p * ratio,
         ratio,
-        whole / without if without > 0 else math.inf,
+        whole / without if without > 0 else math.inf if whole else None,
     )
 
 

@@ -33,7 +33,6 @@ class RiskListener(Listener):
         self, plan: MonitoringPlan, form: RiskTree, horizon: Horizon, above: float | None, hooks: Hooks
     ) -> None:
         columns = plan.monitors.columns
-        horizon.require(form.unit)
         if len(columns) > 1 and form.tree is None:
             raise OptionError("dynamic gates of Galileo have no branches or kinds: omit --per")
         forms = [form, *(of_tree(one.part) for one in columns[1:])]
@@ -118,6 +117,7 @@ def risk_listener(file: str, plan: MonitoringPlan, horizon: Horizon, above: floa
     """Return the listener for a tree of a file, or the part of it that is monitored."""
     part = plan.monitors.columns[0].part
     form = of_tree(part) if part.restricted else risk_tree(file)
+    horizon.require(form.unit, file)
     listener = RiskListener(plan, form, horizon, above, hooks)
     if above is not None and listener.first > above:
         warn(

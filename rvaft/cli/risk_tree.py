@@ -41,12 +41,12 @@ class Horizon:
                 "alone if the rates have no unit"
             )
 
-    def require(self, unit: str | None) -> None:
+    def require(self, unit: str | None, tree: str = "the tree") -> None:
         """Raise `OptionError` if the rates have units and the time has none, or the other way round."""
         if unit is not None and self.timed != (unit == "s"):
             units = ", ".join(UNITS)
             has, asked = ("units", f"a time with a unit ({units})") if unit else ("no unit", "a number alone")
-            raise OptionError(f"the rates of the tree have {has}: write {self._option} as {asked}, not {self.text!r}")
+            raise OptionError(f"the rates of {tree} have {has}: write {self._option} as {asked}, not {self.text!r}")
 
     def shown(self, value: float) -> str:
         """Return a time, of the unit of the rates, in the unit that the user wrote."""

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from typing import Final
 
 import click
+from click.core import ParameterSource
 
 from rvaft.cli import options
 from rvaft.cli.risk_tree import (
@@ -64,6 +65,11 @@ def attacks_command(
     """
     options.refuse(output is not None and by != "front", "-o draws a front of two axes: add --list front")
     options.refuse(output is not None and form != "text", f"-o draws a chart, not the format {form}")
+    if by in ("front", "damage-front"):
+        context = click.get_current_context()
+        for name in ("max_order", "limit"):
+            chosen = context.get_parameter_source(name) is not ParameterSource.DEFAULT
+            options.refuse(chosen, f"--{name.replace('_', '-')} is for minimal attacks: omit it with --list {by}")
     given = risk_tree(tree, branch=branch, kind=kind)
     for name in gone:
         given = without(given, name)

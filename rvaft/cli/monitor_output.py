@@ -356,6 +356,8 @@ class _Text(Reporter):
             last = f", the last at event {found[0].last}" if found[0].notified else ""
             final = f"; false since event {since[0]}" if 0 in since else ""
             ended = f"{counted(found[0].notified, 'detection')} in {counted(watch.events)}{last}{final}"
+        if self.risk is not None and not verdicts[0].final:
+            ended += f"; risk {self.risk.of(watch)[0]:.6g} within {self.risk.horizon.text}"
         self.sink.line(f"{self.where(watch)}{ended}")
         if len(self.columns) > 1:
             rows = [(one.title, *_ended(watch.monitors, at, repeat=repeat)) for at, one in enumerate(self.columns)]
@@ -454,7 +456,7 @@ class _Table(_Text):
     every, whole, sums, each_key = True, True, False, True
 
     def begin(self, watch: MonitoredTrace) -> None:  # noqa: ARG002
-        risk = () if self.risk is None else ("RISK",)
+        risk = () if self.risk is None else ("RISK", *(f"RISK {column.title}" for column in self.columns[1:]))
         self._rows: list[tuple[str, ...]] = [("EVENT", *(column.title for column in self.columns), *risk)]
         self._left_out = 0
         self._reasons: list[str] = []
@@ -463,7 +465,7 @@ class _Table(_Text):
         if number > MOST:
             self._left_out += 1
         else:
-            risk = () if self.risk is None else (f"{self.risk.of(watch)[0]:.6g}",)
+            risk = () if self.risk is None else [f"{one:.6g}" for one in self.risk.of(watch)]
             self._rows.append((_json(event), *(verdict.symbol for verdict in watch.monitors.verdicts), *risk))
 
     def change(self, change: VerdictChange) -> None:

@@ -2,6 +2,7 @@
 
 from typing import Final
 
+from rvaft.cli import warn
 from rvaft.cli.risk_tree import Horizon, risk_tree
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError
@@ -32,7 +33,6 @@ class RiskListener(Listener):
         self, plan: MonitoringPlan, form: RiskTree, horizon: Horizon, above: float | None, hooks: Hooks
     ) -> None:
         columns = plan.monitors.columns
-        horizon.require(form.unit)
         if len(columns) > 1 and form.tree is None:
             raise OptionError("dynamic gates of Galileo have no branches or kinds: omit --per")
         forms = [form, *(of_tree(one.part) for one in columns[1:])]
@@ -45,6 +45,8 @@ class RiskListener(Listener):
         self._following: dict[MonitoredTrace, list[RiskMonitor | MonitorStates]] = {}
         self._risks: dict[MonitoredTrace, tuple[float, ...]] = {}
         self._changed: dict[MonitoredTrace, bool] = {}
+        self.first = self._fresh[0].risk
+        """The risk before any event."""
         self.failures: list[str] = []
         """What went wrong with commands since the last time that this was read."""
 
@@ -126,4 +128,11 @@ def risk_listener(file: str, plan: MonitoringPlan, horizon: Horizon, above: floa
     """Return the listener for a tree of a file, or the part of it that is monitored."""
     part = plan.monitors.columns[0].part
     form = of_tree(part) if part.restricted else risk_tree(file)
-    return RiskListener(plan, form, horizon, above, hooks)
+    horizon.require(form.unit, file)
+    listener = RiskListener(plan, form, horizon, above, hooks)
+    if above is not None and listener.first > above:
+        warn(
+            f"the risk before any event is {listener.first:.6g}, above --risk-above {above:g}: the command runs "
+            "for the risk only when it rises again from below"
+        )
+    return listener

@@ -19,6 +19,7 @@ from rvaft.risk.model import of_tree
 from rvaft.risk.rates import Rate, RateEstimate
 from rvaft.stream.detection import identifying_fields
 from rvaft.support.terminal import columns
+from rvaft.support.wording import counted
 
 _UNIT: Final = "The unit of time of the rates."
 
@@ -63,9 +64,11 @@ def rates_command(
                 raise log.fault
             if log.fault is not None:
                 warn(str(log.fault))
-    found = list(estimate.rates())
-    sys.stdout.write(_written(found, unit, form))
-    return FAILED if failures.met else 0
+    if failures.met:
+        warn("nothing is estimated, since not all logs could be read")
+        return FAILED
+    sys.stdout.write(_written(list(estimate.rates()), unit, form))
+    return 0
 
 
 def _written(found: list[Rate], unit: str, form: str) -> str:
@@ -99,5 +102,5 @@ def _statement(one: Rate, unit: str, size: float) -> str:
         return f"// {one.leaf}: {one.left_out}"
     if not one.events or not math.isfinite(one.rate):
         return f"// {one.leaf}: no event was seen; with 95 % confidence, the rate is below {one.high * size:.4g}/{unit}"
-    note = f"{one.events} events; 95 %: {one.low * size:.4g} to {one.high * size:.4g}"
+    note = f"{counted(one.events)}; 95 %: {one.low * size:.4g} to {one.high * size:.4g}"
     return f"{name_text(one.leaf)} lambda={one.rate * size:.6g}/{unit}; // {note}"

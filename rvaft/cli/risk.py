@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import Final
 
 import click
+from click.core import ParameterSource
 
 from rvaft.cli import options, warn
 from rvaft.cli.risk_tree import (
@@ -78,6 +79,11 @@ def risk_command(
     are computed by a decision diagram, those in which order matters by Markov chains of their parts;
     both are exact.
     """
+    context = click.get_current_context()
+    options.refuse(
+        samples is None and context.get_parameter_source("seed") is not ParameterSource.DEFAULT,
+        "--seed needs --simulate",
+    )
     options.exclusive(**{"curve": curve, "importance": importance, "prune-below": prune_below, "simulate": samples})
     options.refuse(output is not None and curve is None, "-o draws a curve: add --curve N")
     options.refuse(output is not None and form != "text", f"-o draws a chart, not the format {form}")

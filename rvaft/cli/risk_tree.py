@@ -13,7 +13,7 @@ from rvaft.cli import options
 from rvaft.errors import OptionError
 from rvaft.export import format_of
 from rvaft.export.chart import FORMATS, Chart, chart_text
-from rvaft.model.event_time import UNITS, duration
+from rvaft.model.event_time import UNITS, scaled
 from rvaft.model.nodes import Kind
 from rvaft.model.quantities import NANOSECONDS
 from rvaft.risk.model import RiskTree, of_draft, of_tree
@@ -21,32 +21,35 @@ from rvaft.rules.validity import valid_part
 from rvaft.support.files import deliver
 
 TIME: Final = "The time at which to ask, as in '1000 h'; a number alone if the rates have no unit."
+_TIME: Final = re.compile(r"([0-9]+(?:\.[0-9]*)?(?:[eE][+-]?[0-9]{1,4})?)\s*([a-z]*)", re.ASCII)
 
 
 class Horizon:
-    """A time as the user wrote it: `value` is in the unit of the rates, which is seconds if they have units."""
+    """A time as the user wrote it, with the option that has it.
 
-    def __init__(self, text: str) -> None:
-        self.text = text.strip()
-        self.timed = not re.fullmatch(r"[0-9.eE+-]+", self.text)
-        if self.timed:
-            self.value = duration(self.text) / NANOSECONDS
-            self._unit = re.sub(r"[0-9.eE+\s-]", "", self.text)
-        else:
-            try:
-                self.value = float(self.text)
-            except ValueError:
-                self.value = -1.0
-            self._unit = ""
-        if not 0 <= self.value < math.inf:
-            raise OptionError(f"{text!r} is no time: write a number and a unit, as in '1000 h', or a number alone")
+    `value` is in the unit of the rates, which is seconds if they have units.
+    """
 
-    def require(self, unit: str | None) -> None:
+    def __init__(self, text: str, option: str = "--time") -> None:
+        self.text, self._option = text.strip(), option
+        found = _TIME.fullmatch(self.text)
+        number, self._unit = (found[1], found[2]) if found else ("", "")
+        self.timed = bool(self._unit)
+        size = scaled(number, self._unit) if self._unit in UNITS else None
+        value = size / NANOSECONDS if size is not None else float(number) if number and not self._unit else math.inf
+        self.value = value
+        if not math.isfinite(value):
+            raise OptionError(
+                f"{text!r} is no time: write a number and a unit ({', '.join(UNITS)}), as in '1000 h', or a number "
+                "alone if the rates have no unit"
+            )
+
+    def require(self, unit: str | None, tree: str = "the tree") -> None:
         """Raise `OptionError` if the rates have units and the time has none, or the other way round."""
         if unit is not None and self.timed != (unit == "s"):
             units = ", ".join(UNITS)
             has, asked = ("units", f"a time with a unit ({units})") if unit else ("no unit", "a number alone")
-            raise OptionError(f"the rates of the tree have {has}: write the time as {asked}, not {self.text!r}")
+            raise OptionError(f"the rates of {tree} have {has}: write {self._option} as {asked}, not {self.text!r}")
 
     def shown(self, value: float) -> str:
         """Return a time, of the unit of the rates, in the unit that the user wrote."""
@@ -69,9 +72,9 @@ def time_option(name: str, target: str, text: str = TIME) -> Callable[[options.F
     return click.option(name, target, callback=_horizon, metavar="TIME", help=text)
 
 
-def _horizon(_context: object, _parameter: object, text: str | None) -> Horizon | None:
+def _horizon(_context: object, parameter: click.Parameter, text: str | None) -> Horizon | None:
     try:
-        return None if text is None else Horizon(text)
+        return None if text is None else Horizon(text, parameter.opts[0])
     except OptionError as error:
         raise click.BadParameter(str(error)) from None
 

@@ -121,7 +121,7 @@ _SETTINGS: Final = ("gate", "on", "when", "kind", "label", "times", "within")
 class DraftNode:
     """All statements about one node, in the order of the text; each list may have duplicates.
 
-    `statements` are the positions of its own statements (never empty).
+    `statements` are the positions of its own statements (never empty). A node of a translation is `made`.
     """
 
     name: str
@@ -135,6 +135,7 @@ class DraftNode:
     withins: list[Located[int]] = field(default_factory=list)
     withouts: list[Located[Without]] = field(default_factory=list)
     attributes: list[Located[tuple[str, str]]] = field(default_factory=list)
+    made: bool = False
 
     @property
     def place(self) -> Place:
@@ -171,6 +172,7 @@ class DraftNode:
             tuple([replace(clause, place=place) for clause, place in self.withouts]),
             count.distinct,
             tuple(name for name in count.each if name not in count.distinct),
+            made=self.made,
             places=places,
         )
 

@@ -190,7 +190,7 @@ def _read_dependencies(draft: Draft, dependencies: list[tuple[DraftNode, Located
             name += "'"
         new[dependent] = name
         use = GateUse(DYNAMIC_GATES["fdep"], (Located(dependent, place), *causes.values()))
-        made[name] = DraftNode(name, statements=[place], gates=[Located(use, place)])
+        made[name] = DraftNode(name, statements=[place], gates=[Located(use, place)], made=True)
     for node in draft.nodes.values():
         for number, (use, place) in enumerate(node.gates):
             children = tuple([Located(new.get(child.value, child.value), child.place) for child in use.children])

@@ -467,7 +467,7 @@ class FaultTree:
             number += 1
             title = f"{short} ({number})"
         place = self.draft.nodes[self.origin.get(name, name)].place
-        self.draft.nodes[title] = DraftNode(title, statements=[place])
+        self.draft.nodes[title] = DraftNode(title, statements=[place], made=True)
         self._new.add(title)
         if len(self._new) > _MOST_NODES:
             raise self._refusal(name, f"its translation has more than {_MOST_NODES:,} nodes")

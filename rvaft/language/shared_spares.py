@@ -231,7 +231,7 @@ class _Pool:
                 number += 1
                 name = f"{title} ({number})"
             self.made[key] = name
-            self.draft.nodes[name] = DraftNode(name, statements=[self.gate.place])
+            self.draft.nodes[name] = DraftNode(name, statements=[self.gate.place], made=True)
             self.new[name] = FaultGate(gate, names)
             if len(self.new) > _MOST_NODES:
                 raise self._error(f"the translation has more than {_MOST_NODES:,} nodes")

@@ -232,7 +232,8 @@ class Node:
     `times` is the number of events of a leaf, `within` the window of a gate in nanoseconds, and
     `without` has the events that must be absent. The variables `distinct` and `each` have a value of
     their own in each of the events that a leaf counts; the values of `distinct` are different.
-    `declared` is False for a child without a statement. `places` has the positions of `name`,
+    `declared` is False for a child without a statement, `made` is True for a node of a translation of
+    Galileo's gates. `places` has the positions of `name`,
     `gate`, `on`, `when`, `kind` and `label`. A gate and a kind may be strings, and the children a
     list.
 
@@ -257,6 +258,7 @@ class Node:
     distinct: tuple[str, ...] = ()
     each: tuple[str, ...] = ()
     declared: bool = field(default=True, compare=False)
+    made: bool = field(default=False, compare=False, repr=False)
     places: Mapping[str, Place] = field(default_factory=dict, compare=False, hash=False, repr=False)
 
     def __post_init__(self) -> None:

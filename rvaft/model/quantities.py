@@ -15,13 +15,16 @@ from rvaft.model.nodes import Node
 
 NANOSECONDS: Final = 1_000_000_000
 _NUMBER: Final = re.compile(r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,4})?")
+_NAME: Final = re.compile(r"[A-Za-z_]\w*", re.ASCII)
+"""A parameter of Galileo."""
 _LEAF_ONLY: Final = ("prob", "lambda", "rate", "shape", "dorm", "once", "cost")
 _NEUTRAL: Final = {"cov": 0.0, "res": 0.0, "repair": 0.0, "repl": 1.0}
 """Attributes of Galileo that no analysis reads, with the value at which they have no effect."""
 _REFUSED: Final = {
-    "repair": "of a part that is repaired, the unavailability would be asked, which is another quantity",
-    "cov": "the coverage of faults is not analysed",
-    "res": "the restoration of faults is not analysed",
+    "repair": "of a part that is repaired, the unavailability would be asked, which is another quantity; leave it out "
+    "for parts that are not repaired",
+    "cov": "the coverage of faults is not analysed; leave it out for faults that are all covered",
+    "res": "the restoration of faults is not analysed; leave it out for faults that stay",
     "repl": "write replicated events one by one",
     "mean": "log-normal and other distributions are not analysed: use `lambda`, or `rate` with `shape`",
     "stddev": "log-normal and other distributions are not analysed: use `lambda`, or `rate` with `shape`",
@@ -119,6 +122,8 @@ def _wrong(node: Node, key: str, value: str) -> str | None:
             if number is None or not 0 <= number <= 1:
                 return f"`prob={value}` of {name} is not a probability: write a number from 0 to 1"
         case "lambda" | "rate":
+            if _NAME.fullmatch(value):
+                return f"`{key}={value}` of {name} is not a rate: write the value of {value}, as in {key}=0.002/h"
             if _rate(value)[0] is None:
                 units = ", ".join(UNITS)
                 return (

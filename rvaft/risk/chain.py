@@ -5,6 +5,7 @@ longer depends on is forgotten, so that few states remain. Leaves with a probabi
 time 0; those of a later part of a sequence happen when that part begins.
 """
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, product
@@ -24,6 +25,8 @@ FORGOTTEN: Final = -3
 """An element on which no open element depends."""
 WON: Final = -4
 """A leaf with a probability that happens as soon as its part begins."""
+LOST: Final = -5
+"""A leaf with a probability that does not happen by itself, but a trigger can bring it about."""
 
 DEFAULT_STATES: Final = 200_000
 _MOST_COINS: Final = 16
@@ -67,6 +70,9 @@ class Machine:
         self._leaves: dict[int, Leaf] = {number[name]: tree.leaves[name] for name in names if name in tree.leaves}
         self._gates = [place for place in self._places if place.op is not None]
         self._spares = [place for place in self._gates if place.op is Op.SPARE]
+        users = Counter(child for spare in self._spares for child in spare.children)
+        self._shared = {child for child, count in users.items() if count > 1}
+        """The parts that several spare gates can use: whoever has one that never fails keeps it from the others."""
         self._dependencies = tuple(one for one in tree.dependencies if any(name in number for name in one.dependents))
         self._coins = {number[one.coin] for one in self._dependencies if one.coin is not None}
         self._waits = self._waiting(root)
@@ -102,7 +108,7 @@ class Machine:
             if len(mine) > 1:
                 name = self.names[place.number]
                 raise RiskError(f"{name} is shared by parts of sequences that begin at different times: no chain "
-                                "describes this; use --simulate")  # fmt: skip
+                                "describes this: `rvaft risk --simulate N` estimates")  # fmt: skip
             [waits] = mine
             for before, child in zip((None, *place.children), place.children, strict=False):
                 more = waits if place.op is not Op.SEQUENCE or before is None else waits | {before}
@@ -180,13 +186,16 @@ class Machine:
         for outcome in product((True, False), repeat=len(uncertain)):
             decided, weight = list(state), 1.0
             for place, chance in coins:
-                decided[place] = WON if chance else SAFE
+                decided[place] = WON if chance else self._missed(place)
             for (place, chance), won in zip(uncertain, outcome, strict=True):
-                decided[place] = WON if won else SAFE
+                decided[place] = WON if won else self._missed(place)
                 weight *= chance if won else 1 - chance
             settled = self._settled(tuple(decided), ())
             found[settled] = found.get(settled, 0.0) + weight
         return found
+
+    def _missed(self, place: int) -> int:
+        return LOST if self._is_dependent(self.names[place]) else SAFE
 
     def _chance(self, leaf: Leaf) -> float | None:
         return self._given.get(leaf.name, leaf.numbers.chance)
@@ -380,7 +389,8 @@ class Machine:
             if found is None:
                 return FAILED
             used = found
-        return SAFE if now[gate.children[used]] == SAFE else used
+        child = gate.children[used]
+        return SAFE if now[child] == SAFE and child not in self._shared else used
 
     # ---- what is forgotten ----------------------------------------------------------------------
 
@@ -394,7 +404,7 @@ class Machine:
             if place in needed:
                 continue
             needed.add(place)
-            if state[place] < 0 and state[place] != WON:
+            if state[place] < 0 and state[place] not in (WON, LOST):
                 continue
             waiting.extend(self._depends(state, place))
         return tuple([one if place in needed else FORGOTTEN for place, one in enumerate(state)])

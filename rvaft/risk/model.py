@@ -197,7 +197,7 @@ def without(tree: RiskTree, name: str) -> RiskTree:
     """
     known = tree.order()
     if name not in known:
-        raise RiskError(f"there is no node {name} below the root{did_you_mean(name, known)}")
+        raise RiskError(f"there is no node {name or repr('')} below the root{did_you_mean(name, known)}")
     gate, leaf = tree.gates.get(name), tree.leaves.get(name)
     gone = replace(leaf or Leaf(name, name, Quantities(), once=True), numbers=Quantities(chance=0.0), times=1)
     gates = {other: one for other, one in tree.gates.items() if other != name or gate is None}
@@ -363,7 +363,7 @@ class _Building:
         try:
             return quantities(node)
         except WrongQuantity as wrong:
-            raise RiskError(str(wrong)) from None
+            raise RiskError(f"{node.place()}: {wrong}" if node.places else str(wrong)) from None
 
     def _element(self, node: Node, kind: str | None) -> None:
         numbers = self._numbers(node)

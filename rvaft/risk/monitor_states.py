@@ -40,7 +40,9 @@ class MonitorStates:
         self, tree: RVAFT, form: RiskTree, horizon: float, monitor: Monitor, *, states: int = DEFAULT_STATES
     ) -> None:
         if form.timed:
-            raise RiskError(f"windows and absent events ({form.timed[0]}) have no chain: use --simulate")
+            raise RiskError(
+                f"windows and absent events ({form.timed[0]}) have no chain: `rvaft risk --simulate N` estimates"
+            )
         if tree.variables:
             raise RiskError("with variables, the risk is computed under --semantics scattered only")
         if tree.time is not None and tree.time.late is not None:

@@ -49,8 +49,8 @@ class Importance:
     birnbaum: float
     criticality: float | None
     diagnostic: float | None
-    achievement: float
-    reduction: float
+    achievement: float | None
+    reduction: float | None
 
 
 class Analysis:
@@ -70,7 +70,9 @@ class Analysis:
         self.unit = tree.unit
         if tree.timed:
             some = ", ".join(tree.timed[:5])
-            raise RiskError(f"windows, absent events and ends in order ({some}) have no chain: use --simulate")
+            raise RiskError(
+                f"windows, absent events and ends in order ({some}) have no chain: `rvaft risk --simulate N` estimates"
+            )
         self.tree = tree
         self._states, self._nodes = states, nodes
         self.parts = dynamic_parts(tree)
@@ -126,6 +128,8 @@ class Analysis:
         if not rates:
             return 0.0
         longest = self._longest(rates)
+        if not math.isfinite(longest * max(rates)):
+            raise RiskError("the rates are too far apart: no number is printed")
         cuts = [
             0.0,
             *(longest * 10 ** (-step / _PER_DECADE) for step in range(_PER_DECADE * _decades(longest, rates), -1, -1)),
@@ -187,15 +191,15 @@ class Analysis:
 
 def _importance(name: str, p: float | None, with_it: float, without: float, whole: float) -> Importance:
     slope = with_it - without
-    ratio = with_it / whole if whole else math.nan
+    ratio = with_it / whole if whole else None
     return Importance(
         name,
         p,
         slope,
         None if p is None or not whole else p * slope / whole,
-        None if p is None or not whole else p * ratio,
+        None if p is None or ratio is None else p * ratio,
         ratio,
-        whole / without if without > 0 else math.inf,
+        whole / without if without > 0 else math.inf if whole else None,
     )
 
 

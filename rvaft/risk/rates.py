@@ -58,7 +58,9 @@ class RateEstimate:
 
     def __init__(self, tree: RVAFT, form: RiskTree) -> None:
         if tree.time is None:
-            raise RiskError("rates need the time of events: add `time FIELD as FORMAT;` to the tree")
+            raise RiskError(
+                "rates need the time of events: add its field and format to the tree, as in `time t as iso8601;`"
+            )
         self._time = tree.time
         self._ignored = ignoring(tree)
         self._late: dict[str, str] = {}

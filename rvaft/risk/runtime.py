@@ -306,7 +306,9 @@ def leaf_patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[LeafPattern]:
         if node is None or pattern is None or leaf.name.startswith(("dependence of ", "chance of ")):
             continue
         if node.own_values:
-            raise RiskError(f"{node.name} counts different values, which no rate describes: use --simulate")
+            raise RiskError(
+                f"{node.name} counts different values, which no rate describes: `rvaft risk --simulate N` estimates"
+            )
         guard = tree.guard(leaf.node)
         yield LeafPattern(
             leaf, pattern, None if guard is None else predicate(guard), () if guard is None else guard_variables(guard)

@@ -143,7 +143,7 @@ def shared_under_order(space: ScenarioSpace) -> Iterator[RuleReport]:
                 owners.append(node_of(around))
         slots[part] = union(sides.values())
         for first, second in combinations(sides, 2):
-            if sides[first] == sides[second]:
+            if sides[first] == sides[second] or any(tree.nodes[node_of(one)].made for one in (part, first, second)):
                 continue
             budget.spend(1)
             if not space.resolutions.possible((), budget, edges=[(first, part), (second, part)]):

@@ -60,6 +60,8 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
         return
     budget = space.budget()
     for knot in knots(space.widest):
+        if any((node := node_of(part)) and tree.nodes[node].made for _, part, _ in knot):
+            continue
         found = space.cyclic(budget, knot)
         if found is not None:
             kept, nodes = found
@@ -69,6 +71,8 @@ def infeasible_scenario(space: ScenarioSpace) -> Iterator[RuleReport]:
             yield RuleReport(tree.nodes[nodes[0]].place(), message, nodes)
     if (unending := space.endless(budget)) is not None:
         kept, gate = unending
+        if tree.nodes[gate].made:
+            return
         where = f"cannot end one after the other in {branch_of(kept)}, so that scenario is dropped"
         mend = "let no two of them end with the same event"
         yield RuleReport(tree.nodes[gate].place("gate"), f"the parts of {gate} {where}; {mend}", (gate,))

@@ -14,7 +14,6 @@ from rvaft.model.guards import variables as guard_variables
 from rvaft.model.nodes import EventType, On, Place, ValueType, absolute, topic_of, wrong_name, wrong_type
 from rvaft.model.patterns import Literal, Variable
 from rvaft.model.patterns import variables as pattern_variables
-from rvaft.model.quantities import slips
 from rvaft.model.tree import RVAFT, find_cycle, knots, sorted_topologically
 from rvaft.model.verdict import Semantics
 from rvaft.rules.rule import RuleReport
@@ -207,9 +206,14 @@ def dynamic_gate(draft: Draft) -> Iterator[RuleReport]:
 
 def number(draft: Draft) -> Iterator[RuleReport]:
     """The attributes that analyses of risk read are numbers with a meaning."""
+    given_numbers = [node for node in draft.nodes.values() if node.attributes]
+    if not given_numbers:
+        return
+    from rvaft.model.quantities import slips  # noqa: PLC0415 -- imported on use
+
     parameters = {parameter.value for parameter in draft.parameters}
     timed: dict[bool, str] = {}
-    for draft_node in draft.nodes.values():
+    for draft_node in given_numbers:
         node = draft_node.build()
         given = dict(node.attributes)
         places = {key: place for (key, _), place in draft_node.attributes}

@@ -37,3 +37,20 @@ def test_answer(row: list[Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     assert has(result.stdout, out), result.stdout
     assert has(result.stderr, errors), result.stderr
     assert status < 2 or sorted(tmp_path.rglob("*")) == before
+
+
+def test_rates_of_a_log_and_pruned_nodes_are_statements_to_append(tmp_path: Path) -> None:
+    tree, log = tmp_path / "t.rvaft", tmp_path / "l"
+    tree.write_text("time time as s; toplevel t; t or a b; a; b;\n", encoding="utf-8")
+    events = [{"event": name, "time": time} for time, name in enumerate(["x", *"aaaaaaaaaa", "b"])]
+    log.write_text(lines(events), encoding="utf-8")
+    for command, time in (
+        (["rates", tree, log, "--format", "tree"], ()),
+        (["risk", tree, "--prune-below", "0.05"], ["--time", "1s"]),
+    ):
+        result = run(*command, *time)
+        assert result.exit_code == 0, result.output
+        with tree.open("a", encoding="utf-8") as stream:
+            stream.write(result.stdout)
+    assert "prune b;" in tree.read_text(encoding="utf-8")
+    assert run("cut-sets", tree, "--format", "csv").stdout == "order,probability,leaves,sequence\n1,,a,\n"

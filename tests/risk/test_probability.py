@@ -156,3 +156,38 @@ def test_limits_are_told() -> None:
     text = f"t pand {' '.join(names)}; " + " ".join(f"{name} lambda=1;" for name in names)
     with pytest.raises(TooLarge, match="states"):
         Analysis(form(text, galileo=True), states=10).at(1.0)
+
+
+RARE = (
+    "M or W V; W wsp A C; V wsp B C;",
+    "M or W V; W wsp A C D; V wsp B D C;",
+    "M or A X; X por B C; F fdep D B A;",
+    "M and W V; W csp A C; V csp B C; F fdep D A;",
+    "M or A X; X pand B C D;",
+)
+
+
+@pytest.mark.parametrize("never", ["lambda=0", "prob=0"])
+@pytest.mark.parametrize("gates", RARE)
+def test_a_leaf_that_never_happens_is_the_limit_of_rare_ones(gates: str, never: str) -> None:
+    """A spare that never fails stays taken, and a trigger fails what does not fail by itself."""
+    leaves = [name for name in "ABCD" if name in gates.replace(";", " ").split()]
+    for leaf in leaves:
+        rare, none = (
+            f"toplevel M; {gates} " + " ".join(f"{one} {numbers if one == leaf else 'lambda=0.5'};" for one in leaves)
+            for numbers in ("lambda=1e-9", never)
+        )
+        limit = Analysis(form(rare, galileo=True)).at(1.0)
+        assert Analysis(form(none, galileo=True)).at(1.0) == pytest.approx(limit, abs=1e-7)
+
+
+def test_a_dependent_with_a_probability_fails_by_itself_or_by_its_trigger() -> None:
+    text = "toplevel M; M pand A B; F fdep T A; A prob=0.5; B lambda=1; T lambda=1;"
+    b, b_after_t = 1 - math.exp(-1), (1 - math.exp(-1)) - (1 - math.exp(-2)) / 2
+    expected = (b + b_after_t) / 2
+    assert Analysis(form(text, galileo=True)).at(1.0) == pytest.approx(expected, rel=1e-12)
+
+
+def test_importance_has_no_ratios_to_a_probability_of_0() -> None:
+    [one, _] = Analysis(form("t and a b; a lambda=0; b prob=0;")).importance(1.0)
+    assert (one.criticality, one.diagnostic, one.achievement, one.reduction) == (None, None, None, None)

@@ -27,8 +27,9 @@ _REMEMBERED: Final = 100_000
 
 _EXCLUDED: Final = -1
 
-Whole: TypeAlias = tuple[tuple[State, ...], tuple[int, ...]]
-"""The states of the parts, and how many events of each other leaf have happened."""
+Whole: TypeAlias = tuple[tuple[State, ...], tuple[int, ...], frozenset[str]]
+"""The states of the parts, how many events of each other leaf have happened, and which leaves with a guard over values
+of other events have had one."""
 Binding: TypeAlias = tuple[tuple[str, Any], ...]
 
 
@@ -110,6 +111,7 @@ class RiskMonitor:
                 raise RiskError(f"the rate of {leaf.node} changes with time (`shape`): its risk depends on its age")
         self._all = tuple(self._leaves())
         self._patterns = list(leaf_patterns(tree, self._all))
+        self._shared = {one.leaf.name: one for one in self._patterns if not {*one.names} <= {*one.variables}}
         literals = [plain.literals if (plain := flat(one.pattern)) else {} for one in self._patterns]
         self._index = FirstLiterals(literals)
         self._time = tree.time
@@ -119,7 +121,8 @@ class RiskMonitor:
         self._ids: dict[Whole, int] = {}
         self._risks: list[float | None] = []
         self._moves: dict[tuple[int, str], int] = {}
-        self._first = self._id((tuple([one.machine.start() for one in self._lookups]), (0,) * len(self._others)))
+        starts = tuple([one.machine.start() for one in self._lookups])
+        self._first = self._id((starts, (0,) * len(self._others), frozenset()))
         self._begin()
 
     def _begin(self) -> None:
@@ -168,38 +171,57 @@ class RiskMonitor:
         read = [reading for number in candidates for reading in self._patterns[number].readings(event)]
         if not read:
             return self.risk
-        new: dict[Binding, tuple[dict[str, Json], list[int]]] = {}
+        new: dict[Binding, tuple[dict[str, Json], list[int], list[int]]] = {}
+        left: dict[Binding, set[int]] = {}
         excluded = False
         for leaf, binding, own in read:
             for old in list(self._groups.compatible(binding)) if binding else list(self._states):
                 joined = old if not binding or old == binding else _joined(old, binding)
+                if joined != old and joined in self._states:
+                    continue  # the states of `joined` have read all that those of `old` have
                 values = self._values[old] if joined == old else {**self._values[old], **own}
                 if not leaf.holds(values):
                     continue
-                for state in self._states[old]:
+                undecided = not all(name in values for name in leaf.names)
+                states = self._states[old]
+                if joined != old and self._shared:
+                    states = [state for state in states if self._allowed(state, values)]
+                for state in states:
                     after = self._after(state, leaf.leaf.name)
                     if after == _EXCLUDED:
                         excluded = True
                     elif after != state:
-                        new.setdefault(joined, (values, []))[1].append(after)
-        self.contradictions += excluded
-        for joined, (values, found) in new.items():
+                        if joined not in new:
+                            new[joined] = (values, [], [])
+                        new[joined][1].append(after)
+                        if not undecided:
+                            left.setdefault(joined, set()).add(state)
+                if joined in new:  # a state in which the leaf cannot happen, or should not, goes on
+                    new[joined][2].extend(states)
+        self.contradictions += excluded and not new
+        for joined, (values, found, before) in new.items():
+            gone = left.get(joined, ())
+            found.extend(state for state in before if state not in gone)
             self._keep(joined, values, list(dict.fromkeys(found)))
         return self.risk
+
+    def _allowed(self, state: int, values: Mapping[str, Json]) -> bool:
+        """Whether the guards hold of the events that a state has used, as far as their variables are bound."""
+        return all(self._shared[name].holds(values) for name in self._wholes[state][2])
 
     def _keep(self, binding: Binding, values: dict[str, Json], states: list[int]) -> None:
         if binding not in self._states:
             if len(self._states) >= self._limit:
                 raise TooLarge("values of variables for which a risk is followed", limit=self._limit)
             self._groups.add(binding)
+        if len(states) > self._limit:
+            raise TooLarge("states that a log leaves open", limit=self._limit)
         self._values[binding], self._states[binding] = values, states
-        top = max(((self._risk(state), binding, state) for state in states), key=lambda one: one[0])
-        if self._best[1] == binding:  # it may have become less likely
+        top = self._top(binding)
+        if top[0] >= self._best[0]:
             self._best = top
-            if len(self._states) > 1:
-                self._best = max((self._top(one) for one in self._states), key=lambda one: one[0])
-        elif top[0] >= self._best[0]:
-            self._best = top
+        elif self._best[1] == binding:  # it has become less likely
+            self._best = top if len(self._states) == 1 else max(map(self._top, self._states), key=lambda one: one[0])
 
     def _top(self, binding: Binding) -> tuple[float, Binding, int]:
         return max(((self._risk(state), binding, state) for state in self._states[binding]), key=lambda one: one[0])
@@ -215,24 +237,26 @@ class RiskMonitor:
         return found
 
     def _moved(self, state: Whole, name: str) -> Whole | None:
-        parts, counts = state
+        parts, counts, used = state
+        if name in self._shared:
+            used = used | {name}
         part = self._part_of.get(name)
         if part is not None:
             machine = self._lookups[part].machine
             if machine.excludes(parts[part], name):
                 return None
             after = machine.after(parts[part], name)
-            return (*parts[:part], after, *parts[part + 1 :]), counts
+            return state if after == parts[part] else ((*parts[:part], after, *parts[part + 1 :]), counts, used)
         place = self._place[name]
         leaf = self._others[place]
         if counts[place] >= leaf.times:
             return None if leaf.once else state
-        return parts, (*counts[:place], counts[place] + 1, *counts[place + 1 :])
+        return parts, (*counts[:place], counts[place] + 1, *counts[place + 1 :]), used
 
     def _risk(self, state: int) -> float:
         found = self._risks[state]
         if found is None:
-            parts, counts = self._wholes[state]
+            parts, counts, _ = self._wholes[state]
             chances: dict[str, float] = {
                 name: one.probability(part) for name, one, part in zip(self._parts, self._lookups, parts, strict=True)
             }

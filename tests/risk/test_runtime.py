@@ -107,6 +107,79 @@ def test_a_chain_over_the_states_of_the_monitor_gives_the_same_numbers(text: str
         risk.step(event)
 
 
+@st.composite
+def events_of_leaves(draw: st.DrawFn) -> str:
+    """Draw a tree of which leaves share events and variables, and have guards over the values of others."""
+    count = [0]
+
+    def part(depth: int) -> tuple[str, str]:
+        count[0] += 1
+        name = f"n{count[0]}"
+        if depth == 0 or draw(st.booleans()):
+            on = draw(st.sampled_from(["a", "b", "c"]))
+            value = draw(st.sampled_from(["_", "X", "X", "Y", "1"]))
+            guard = draw(st.sampled_from(["", "", " when X < Y", " when X != Y"])) if value in "XY" else ""
+            times = draw(st.sampled_from(["", "", " times 2"]))
+            return name, f'{name}{times} on e("{on}", {value}){guard} lambda={draw(st.integers(1, 9)) / 10};'
+        children = [part(depth - 1) for _ in range(draw(st.integers(1, 3)))]
+        words = ["or", "and", "sand", "sand_rl", f"{(len(children) + 1) // 2}of{len(children)}"]
+        names = " ".join(one for one, _ in children)
+        return name, f"{name} {draw(st.sampled_from(words))} {names}; {' '.join(text for _, text in children)}"
+
+    name, text = part(2)
+    return f"event e(n, v) = {{event: n, value: v}}; toplevel top; top and {name} x y; {text} " + (
+        'x on e("d", X) lambda=1; y on e("d", Y) lambda=1;'
+    )
+
+
+@given(events_of_leaves(), st.lists(st.tuples(st.sampled_from("aabbccdd"), st.integers(0, 2)), max_size=14))
+@settings(max_examples=150, deadline=None)
+def test_shared_events_variables_and_guards_lose_no_match(text: str, log: list[tuple[str, int]]) -> None:
+    tree = rvaft.loads(text)
+    monitor, risk = rvaft.monitor(tree, semantics="scattered"), RiskMonitor(tree, of_tree(tree), 1.0)
+    before = risk.risk
+    for name, value in log:
+        event = {"event": name, "value": value}
+        detected = bool(monitor.step(event))
+        assert (risk.step(event) == 1.0) == detected
+        if detected:
+            break
+        if " when " not in text:  # events that recur lose nothing by another one
+            assert risk.risk >= before * (1 - 1e-12)
+        before = risk.risk
+
+
+@pytest.mark.parametrize(
+    ("text", "log", "expected"),
+    [  # one more event of an earlier step, and another use of an event, are no steps back
+        ("t sand x y z; x on e('x', U) lambda=.5; y on e('y', U) lambda=.2; z on e('z', U) lambda=.1;", "xyxz", 1.0),
+        ("t sand x y z; x on e('x', U) lambda=.5; y on e('y', U) lambda=.2; z on e('z', U) lambda=.1;", "xyx", 0.09516),
+        (
+            "t or g h; g sand a c d; h sand b f; a on e('a', _) lambda=1; b on e('a', _) lambda=1; "
+            "c on e('c', _) lambda=1; d on e('d', _) lambda=1; f on e('f', _) lambda=.1;",
+            "acf",
+            1.0,
+        ),
+        ("t sand x y; x on e('x', X) when X < Y lambda=1; y on e('y', Y) lambda=1;", "xy", 0.63212),
+    ],
+)
+def test_no_event_takes_a_match_back(text: str, log: str, expected: float) -> None:
+    tree = rvaft.loads("event e(n, v) = {event: n, value: v}; " + text.replace("'", '"'))
+    risk = RiskMonitor(tree, of_tree(tree), 1.0)
+    assert [risk.step({"event": name, "value": 1}) for name in log][-1] == pytest.approx(expected, rel=1e-4)
+
+
+def test_an_event_that_another_leaf_takes_contradicts_nothing() -> None:
+    text = 'event e(n) = {event: n}; t and a b c; a on e("a") lambda=1 once=yes; b on e("a") lambda=1 once=yes; '
+    tree = rvaft.loads(text + "c lambda=1;")
+    risk = RiskMonitor(tree, of_tree(tree), 1.0)
+    counts = []
+    for _ in range(3):
+        risk.step({"event": "a"})
+        counts.append(risk.contradictions)
+    assert counts == [0, 0, 1]
+
+
 def test_events_that_break_a_match_lower_the_risk_under_projected() -> None:
     tree = rvaft.loads("t sand x y z; x lambda=.5 once=no; y lambda=.2 once=no; z lambda=.9 once=no;")
     own = MonitorStates(tree, of_tree(tree), 1.0, rvaft.monitor(tree, semantics="projected"))

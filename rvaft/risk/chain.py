@@ -7,7 +7,7 @@ time 0; those of a later part of a sequence happen when that part begins.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise, permutations, product
 from typing import Final, TypeAlias, assert_never
 
 from rvaft.errors import TooLarge
@@ -127,19 +127,41 @@ class Machine:
                     excludes.setdefault(self.number[name], set()).update(self.number[o] for o in inside if o != name)
         return follows, excludes
 
-    def _claimed(self) -> dict[int, list[tuple[int, int]]]:
-        """Return the spare gates that use a leaf, with the place of the child that has it."""
-        modules: dict[int, list[tuple[int, int]]] = {}
+    def _claimed(self) -> dict[int, frozenset[frozenset[tuple[int, int]]]]:
+        """Return, for each leaf that is not always in use, the uses that make it so: spares with their places."""
+        used = {child for place in self._places for child in place.children}
+        found: dict[int, frozenset[frozenset[tuple[int, int]]]] = {}
+        for place in reversed(self._places):
+            mine = found.get(place.number, frozenset())
+            if place.number == self._root or place.number not in used or frozenset() in mine:
+                mine = frozenset([frozenset()])
+            found[place.number] = mine
+            for position, child in enumerate(place.children):
+                use = frozenset([(place.number, position)] if place.op is Op.SPARE and position else [])
+                found[child] = found.get(child, frozenset()) | {one | use for one in mine}
         for spare in self._spares:
-            for position, child in enumerate(spare.children):
-                for name in below(self.tree, [self.names[child]]):
-                    place = self.number[name]
-                    if position and self._places[place].op is Op.SPARE:
-                        raise RiskError(f"the spare {self.names[child]} has a spare gate, {name}, of its own, which is "
-                                        "not analysed")  # fmt: skip
-                    if place in self._leaves:
-                        modules.setdefault(place, []).append((spare.number, position))
-        return modules
+            for child in spare.children[1:]:
+                self._check_module(child)
+        return {place: found[place] for place in self._leaves if frozenset() not in found[place]}
+
+    def _check_module(self, spare: int) -> None:
+        """Raise `RiskError` if a part that is a spare has a spare gate, or leaves that others use, too."""
+        inside = {self.number[name] for name in below(self.tree, [self.names[spare]])}
+        for number in sorted(inside):
+            if self._places[number].op is Op.SPARE:
+                raise RiskError(
+                    f"the spare {self.names[spare]} has a spare gate, {self.names[number]}, of its own, which is not "
+                    "analysed"
+                )
+        if all(self._leaves[one].numbers.dormancy in (None, 1.0) for one in inside if one in self._leaves):
+            return
+        for place in self._places:
+            shared = inside.intersection(place.children) - {spare}
+            if shared and place.number not in inside:
+                raise RiskError(
+                    f"{self.names[min(shared)]} is part of the spare {self.names[spare]} and of "
+                    f"{self.names[place.number]}: when it is in use is not defined"
+                )
 
     def _order_matters(self) -> frozenset[int]:
         """Return the elements below gates in which the order at one moment matters, also through triggers."""
@@ -234,7 +256,7 @@ class Machine:
         return not any(state[other] == FAILED for other in self._excludes.get(place, ()))
 
     def _active(self, state: State, place: int) -> bool:
-        return any(position == 0 or state[spare] == position for spare, position in self._modules[place])
+        return any(all(state[spare] == position for spare, position in one) for one in self._modules[place])
 
     def after(self, state: State, name: str) -> State:
         """Return the state after one more event of a leaf, which may leave it as it is.
@@ -261,15 +283,17 @@ class Machine:
         for place in events:
             self._counted(left, place)
         together = self._together(state, [*left])
-        if not self._dependencies:
+        first = self._evaluated(state, left)
+        due = self._due(first)
+        if not due or (len(due) == 1 and not self._dependencies):
+            self._check_claims(state, together)
             return self._tidy(together)
-        outcomes = {self._tidy(together)}
-        for one in self._in_turn(self._evaluated(state, left)):
-            outcomes.add(self._tidy(one))
+        self._check_claims(state, first)
+        outcomes = {self._tidy(one) for one in (together, *self._in_turn(first))}
         if len(outcomes) > 1:
-            names = sorted({name for one in self._dependencies for name in one.dependents if name in self.number})
+            names = sorted(self.names[place] for place in due if place in self._ordered)
             some = ", ".join(names[:5])
-            raise RiskError(f"the order of simultaneous failures decides ({some} fail at once by a trigger): a number "
+            raise RiskError(f"the order of simultaneous failures decides ({some} happen at the same moment): a number "
                             "would depend on it")  # fmt: skip
         return outcomes.pop()
 
@@ -282,6 +306,20 @@ class Machine:
                 return found
             for place in more:
                 left[place] = FAILED
+
+    def _check_claims(self, before: State, after: State) -> None:
+        """Raise `RiskError` if two gates need one spare at the same moment."""
+        changed = [
+            gate for gate in self._spares if before[gate.number] >= 0 and after[gate.number] != before[gate.number]
+        ]
+        for gate, other in permutations(changed, 2) if len(changed) > 1 else ():
+            new, last = after[gate.number], after[other.number]
+            passed = other.children[before[other.number] + 1 : last if last >= 0 else None]
+            if new >= 0 and gate.children[new] in passed:
+                raise RiskError(
+                    f"{self.names[gate.number]} and {self.names[other.number]} need the spare "
+                    f"{self.names[gate.children[new]]} at the same moment: their order would decide"
+                )
 
     def _in_turn(self, start: State) -> set[State]:
         """Return the states if what follows happens one after the other, in each order."""
@@ -299,6 +337,7 @@ class Machine:
                 for place in places:
                     left[place] = FAILED
                 then = self._evaluated(state, left)
+                self._check_claims(state, then)
                 if then not in seen:
                     seen.add(then)
                     waiting.append(then)
@@ -380,7 +419,9 @@ class Machine:
             if found is None:
                 return FAILED
             used = found
-        return SAFE if now[gate.children[used]] == SAFE else used
+        child = gate.children[used]
+        shared = any(child in other.children for other in self._spares if other is not gate)
+        return SAFE if now[child] == SAFE and not shared else used
 
     # ---- what is forgotten ----------------------------------------------------------------------
 
@@ -419,9 +460,8 @@ class Machine:
                 if name in one.dependents:
                     yield self.number[one.trigger]
                     yield place if one.coin is None else self.number[one.coin]
-            for spare, position in self._modules.get(place, ()):
-                if position and state[spare] >= 0:
-                    yield spare
+            for uses in self._modules.get(place, ()):
+                yield from (spare for spare, _ in uses if state[spare] >= 0)
 
 
 def _with_causes(tree: RiskTree, root: str) -> list[str]:

@@ -171,39 +171,48 @@ class RiskMonitor:
         read = [reading for number in candidates for reading in self._patterns[number].readings(event)]
         if not read:
             return self.risk
-        new: dict[Binding, tuple[dict[str, Json], list[int], list[int]]] = {}
-        left: dict[Binding, set[int]] = {}
+        new: dict[Binding, tuple[dict[str, Json], list[int]]] = {}
         excluded = False
-        for leaf, binding, own in read:
-            for old in list(self._groups.compatible(binding)) if binding else list(self._states):
-                joined = old if not binding or old == binding else _joined(old, binding)
-                if joined != old and joined in self._states:
-                    continue  # the states of `joined` have read all that those of `old` have
-                values = self._values[old] if joined == old else {**self._values[old], **own}
-                if not leaf.holds(values):
+        for (joined, old), values in self._targets(read).items():
+            states = self._states[old]
+            if joined != old and self._shared:
+                states = [state for state in states if self._allowed(state, values)]
+            mine, news = frozenset(joined), frozenset(joined).difference(old)
+            moved: list[int] = []
+            left: set[int] = set()
+            begun = joined == old
+            for leaf, binding, _ in read:
+                if not mine.issuperset(binding) or not leaf.holds(values):
                     continue
                 undecided = not all(name in values for name in leaf.names)
-                states = self._states[old]
-                if joined != old and self._shared:
-                    states = [state for state in states if self._allowed(state, values)]
                 for state in states:
                     after = self._after(state, leaf.leaf.name)
                     if after == _EXCLUDED:
                         excluded = True
                     elif after != state:
-                        if joined not in new:
-                            new[joined] = (values, [], [])
-                        new[joined][1].append(after)
+                        moved.append(after)
+                        begun = begun or not news.isdisjoint(binding)
                         if not undecided:
-                            left.setdefault(joined, set()).add(state)
-                if joined in new:  # a state in which the leaf cannot happen, or should not, goes on
-                    new[joined][2].extend(states)
+                            left.add(state)
+            if moved and begun:  # a state in which no leaf can happen, or none should, goes on
+                found = new.setdefault(joined, (values, []))[1]
+                found.extend(moved)
+                found.extend(state for state in states if state not in left)
         self.contradictions += excluded and not new
-        for joined, (values, found, before) in new.items():
-            gone = left.get(joined, ())
-            found.extend(state for state in before if state not in gone)
+        for joined, (values, found) in new.items():
             self._keep(joined, values, list(dict.fromkeys(found)))
         return self.risk
+
+    def _targets(self, read: "list[Reading]") -> dict[tuple[Binding, Binding], dict[str, Json]]:
+        """Return the bindings that an event leads to, each with one that it comes from, and their values."""
+        found: dict[tuple[Binding, Binding], dict[str, Json]] = {}
+        for _, binding, own in read:
+            for old in self._groups.compatible(binding) if binding else self._states:
+                joined = old if not binding or old == binding else _joined(old, binding)
+                # the states of a binding have read all that those of a lesser one have
+                if joined == old or joined not in self._states:
+                    found[joined, old] = self._values[old] if joined == old else {**self._values[old], **own}
+        return found
 
     def _allowed(self, state: int, values: Mapping[str, Json]) -> bool:
         """Whether the guards hold of the events that a state has used, as far as their variables are bound."""
@@ -297,7 +306,7 @@ class LeafPattern(NamedTuple):
         """The variables that an event of the leaf binds."""
         return rigid_variables(self.pattern)
 
-    def readings(self, event: Json) -> "Iterator[tuple[LeafPattern, Binding, dict[str, Json]]]":
+    def readings(self, event: Json) -> "Iterator[Reading]":
         """Yield the values of the variables with which an event is one of the leaf's."""
         seen: set[Binding] = set()
         for found in ways(self.pattern, event, {}):
@@ -310,6 +319,10 @@ class LeafPattern(NamedTuple):
     def holds(self, values: Mapping[str, Json]) -> bool:
         """Whether the guard holds, as far as its variables are bound."""
         return self.guard is None or not all(name in values for name in self.names) or self.guard(values)
+
+
+Reading: TypeAlias = tuple[LeafPattern, Binding, dict[str, Json]]
+"""A leaf that an event shows, and the values of its variables."""
 
 
 def ignoring(tree: RVAFT) -> Callable[[Json], bool]:

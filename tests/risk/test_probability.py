@@ -42,6 +42,25 @@ def test_a_spare_that_two_gates_share_goes_to_the_first_that_fails() -> None:
     assert analysis.mean_time() == pytest.approx(1.0, rel=1e-9)
 
 
+A, B = (math.exp(-rate) for rate in (0.5, 0.2))  # nothing of the rates of LEAVES by time 1
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        # the spare of a spare gate in use is not in use itself: x, y, z fail one after the other
+        ("t csp g z; g csp x y;", 0.0013692667546319),
+        # what another gate uses, too, is in use from the beginning
+        ("t or g h; g csp x y; h pand x y;", (1 - A) * (1 - B)),
+        # a taken spare stays taken, also one that never fails
+        ("t or g h; g wsp x s; h wsp y s; s lambda=0;", (1 - A) * (1 - B)),
+    ],
+)
+def test_spares_in_use(text: str, expected: float) -> None:
+    leaves = LEAVES.replace(";", " dorm=0;")
+    assert Analysis(form(f"toplevel t; {text}{leaves}", galileo=True)).at(1.0) == pytest.approx(expected, rel=1e-10)
+
+
 @given(static_texts())
 @settings(max_examples=60)
 def test_static_trees_equal_an_enumeration(text: str) -> None:
@@ -143,6 +162,12 @@ def test_the_mean_time_of_parts_and_leaves() -> None:
         ("t or a b; a lambda=x; b prob=.1;", False, "not a rate"),
         ("t or a b; a lambda=1 repair=1; b prob=.1;", True, "unavailability"),
         ("t pand a b c; d fdep t2 a b; t2 lambda=1; a lambda=1; b lambda=1; c lambda=1; toplevel t;", True, "order of"),
+        ("t and g h; g wsp a s; h wsp a s; a lambda=1; s lambda=1;", True, "at the same moment"),
+        (
+            "t or g h; g wsp a b; h or c d; b and c e; a lambda=1; c lambda=1 dorm=0; e lambda=1; d lambda=1;",
+            True,
+            "in use",
+        ),
         ("t wsp a b; b wsp c d; a lambda=1; c lambda=1; d lambda=1;", True, "spare gate"),
     ],
 )

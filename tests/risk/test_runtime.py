@@ -127,9 +127,8 @@ def events_of_leaves(draw: st.DrawFn) -> str:
         return name, f"{name} {draw(st.sampled_from(words))} {names}; {' '.join(text for _, text in children)}"
 
     name, text = part(2)
-    return f"event e(n, v) = {{event: n, value: v}}; toplevel top; top and {name} x y; {text} " + (
-        'x on e("d", X) lambda=1; y on e("d", Y) lambda=1;'
-    )
+    rest = 'x on e("d", X) lambda=1; y on e("d", Y) lambda=1;'
+    return f"event e(n, v) = {{event: n, value: v}}; toplevel top; top and {name} x y; {text} {rest}"
 
 
 @given(events_of_leaves(), st.lists(st.tuples(st.sampled_from("aabbccdd"), st.integers(0, 2)), max_size=14))
@@ -155,8 +154,10 @@ def test_shared_events_variables_and_guards_lose_no_match(text: str, log: list[t
         ("t sand x y z; x on e('x', U) lambda=.5; y on e('y', U) lambda=.2; z on e('z', U) lambda=.1;", "xyxz", 1.0),
         ("t sand x y z; x on e('x', U) lambda=.5; y on e('y', U) lambda=.2; z on e('z', U) lambda=.1;", "xyx", 0.09516),
         (
-            "t or g h; g sand a c d; h sand b f; a on e('a', _) lambda=1; b on e('a', _) lambda=1; "
-            "c on e('c', _) lambda=1; d on e('d', _) lambda=1; f on e('f', _) lambda=.1;",
+            (
+                "t or g h; g sand a c d; h sand b f; a on e('a', _) lambda=1; b on e('a', _) lambda=1; "
+                "c on e('c', _) lambda=1; d on e('d', _) lambda=1; f on e('f', _) lambda=.1;"
+            ),
             "acf",
             1.0,
         ),

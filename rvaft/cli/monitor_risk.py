@@ -2,7 +2,7 @@
 
 from typing import Final
 
-from rvaft.cli.risk_tree import Horizon, risk_tree
+from rvaft.cli.risk_tree import Horizon, risk_tree, warn_of_bounds
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError
 from rvaft.model.tree import RVAFT
@@ -115,4 +115,5 @@ def risk_listener(file: str, plan: MonitoringPlan, horizon: Horizon, above: floa
     """Return the listener for a tree of a file, or the part of it that is monitored."""
     part = plan.monitors.columns[0].part
     form = of_tree(part) if part.restricted else risk_tree(file)
+    warn_of_bounds(form)
     return RiskListener(plan, form, horizon, above, hooks)

@@ -9,8 +9,8 @@ from typing import Final
 
 import click
 
-from rvaft.cli import options, warn
-from rvaft.cli.risk_tree import Horizon, csv_text, number_text, risk_tree, time_option, without_option
+from rvaft.cli import options
+from rvaft.cli.risk_tree import Horizon, csv_text, number_text, risk_tree, time_option, warn_of_bounds, without_option
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.model.expressions import name_text
@@ -79,8 +79,7 @@ def risk_command(
     if horizon is not None:
         horizon.require(analysis.unit)
     time = horizon.value if horizon is not None else 0.0
-    if given.assumed:
-        warn(f"guards are taken to hold, so probabilities are upper bounds: {', '.join(given.assumed)}")
+    warn_of_bounds(given)
     if curve is not None:
         if horizon is None:
             raise click.UsageError("--curve needs --time", click.get_current_context())

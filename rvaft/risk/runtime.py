@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
+from rvaft.core.overlaps import Overlaps, overlaps
 from rvaft.core.pattern_index import FirstLiterals, flat
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Predicate, predicate
@@ -348,6 +349,25 @@ def leaf_patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[LeafPattern]:
         yield LeafPattern(
             leaf, pattern, None if guard is None else predicate(guard), () if guard is None else guard_variables(guard)
         )
+
+
+def confused(form: RiskTree) -> tuple[str, str] | None:
+    """Return two leaves that one event may show, or None: for a monitor, the events of one are also those of the other.
+
+    >>> import rvaft
+    >>> from rvaft.risk.model import of_tree
+    >>> text = "event e(k) = {k: k}; t sand a b c; a on e(1) lambda=1; b on e(2) lambda=1; c on e(K) lambda=1;"
+    >>> confused(of_tree(rvaft.loads(text)))
+    ('a', 'c')
+    """
+    if form.tree is None:
+        return None
+    leaves = [form.leaves[name] for name in form.order() if name in form.leaves]
+    some = list(leaf_patterns(form.tree, leaves))
+    for one, other in Overlaps([leaf.pattern for leaf in some]).pairs():
+        if overlaps(some[one].pattern, some[other].pattern):
+            return some[one].leaf.node, some[other].leaf.node
+    return None
 
 
 def _joined(one: Binding, other: Binding) -> Binding:

@@ -1,6 +1,7 @@
 """The risk given a log: known values, the verdicts of the monitor, and the states of the monitor itself."""
 
 import random
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -11,6 +12,8 @@ from rvaft.risk.model import RiskError, of_tree
 from rvaft.risk.monitor_states import MonitorStates
 from rvaft.risk.probability import Analysis
 from rvaft.risk.runtime import RiskMonitor
+from rvaft.risk.simulation import Simulation
+from tests.cli.runs import run
 from tests.risk.forms import form
 
 pytest.importorskip("oxidd")
@@ -198,3 +201,15 @@ def test_refusals() -> None:
     tree = rvaft.loads("event e(u) = {u: u}; t sand x y; x on e(U) lambda=.5; y lambda=.2 once=no;")
     with pytest.raises(RiskError, match="variables"):
         MonitorStates(tree, of_tree(tree), 1.0, rvaft.monitor(tree, semantics="projected"))
+
+
+def test_probabilities_of_leaves_that_share_an_event_are_lower_bounds(tmp_path: Path) -> None:
+    tree, log = tmp_path / "t.rvaft", tmp_path / "log.jsonl"
+    tree.write_text("event e(k) = {k: k}; t sand a b; a on e(1) lambda=1 once=no; b on e(K) lambda=1;")
+    log.write_text('{"k": 1}\n')
+    warning = "one event may be that of a and of b"
+    assert warning in run("risk", tree, "--time", "1").stderr
+    assert warning in run("monitor", tree, log, "--semantics", "scattered", "--risk", "1").stderr
+    whole = rvaft.load(tree)
+    found = Simulation(whole, of_tree(whole)).estimate(rvaft.monitor(whole, semantics="scattered"), 1.0, samples=2000)
+    assert Analysis(of_tree(whole)).at(1.0) < found.low

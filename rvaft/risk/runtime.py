@@ -102,7 +102,6 @@ class RiskMonitor:
     ) -> None:
         self._analysis = Analysis(form, states=states)
         self._horizon, self._limit = horizon, instances
-        self._ignored = ignoring(tree)
         diagram = self._analysis.diagram
         self._parts = tuple(name for name in diagram.variables if name in self._analysis.parts)
         self._lookups = tuple(Lookup(form, part, horizon, states) for part in self._parts)
@@ -167,7 +166,7 @@ class RiskMonitor:
             late, self._latest = self._time.is_late(event, self._latest)
             if late:
                 return self.risk
-        if not candidates or self._ignored(event):
+        if not candidates:
             return self.risk
         read = [reading for number in candidates for reading in self._patterns[number].readings(event)]
         if not read:
@@ -344,7 +343,7 @@ def leaf_patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[LeafPattern]:
         if node is None or pattern is None or leaf.name.startswith(("dependence of ", "chance of ")):
             continue
         if node.own_values:
-            raise RiskError(f"{node.name} counts different values, which no rate describes: use --simulate")
+            raise RiskError(f"{node.name} counts different values, which no rate describes")
         guard = tree.guard(leaf.node)
         yield LeafPattern(
             leaf, pattern, None if guard is None else predicate(guard), () if guard is None else guard_variables(guard)

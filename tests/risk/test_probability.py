@@ -127,6 +127,43 @@ def test_a_window_is_estimated() -> None:
     assert later.low < 0.5415 < later.high
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('x on e("x", X) lambda=1; y on e("y", Y) lambda=1; g when X != Y', "of g compares values of several"),
+        ('x on e("x", X) lambda=1; y on e("y", Y) when X < Y lambda=1; g prob=1', "of y compares values of several"),
+        ('x on e("x", X) when startswith(X, "a") lambda=1; y on e("y", X) lambda=1; g prob=1', "depends on values"),
+        ("x sand y; y prob=.5 once=no; g prob=1", "y has a probability and happens when a later part"),
+        ("x pand y z; y prob=.5; z prob=.5; g lambda=1", "y and z happen at time 0"),
+        ('x times 2 distinct X on e("x", X) lambda=1; y lambda=1; g lambda=1', "counts different values"),
+    ],
+)
+def test_what_a_simulated_log_cannot_tell_is_refused(text: str, message: str) -> None:
+    top = "toplevel top; top and x g; x2 prob=1;" if "pand" in text else "toplevel top; top and x y g;"
+    if "x sand y" in text:
+        text, top = text.replace("x sand y", "x sand x1 y; x1 lambda=1"), "toplevel top; top and x g;"
+    tree = rvaft.loads(f"event e(n, v) = {{event: n, value: v}}; {top} {text};".replace("x2 prob=1;", ""))
+    with pytest.raises(RiskError, match=message):
+        Simulation(tree, of_tree(tree))
+
+
+@pytest.mark.parametrize("guard", ["X > 3", "X == 0", "X != 0"])
+def test_simulated_events_satisfy_the_guards_of_one_instance(guard: str) -> None:
+    text = f'x on e("x", X) when {guard} lambda=1; y on e("y", X) lambda=1 without e("x", 0) before;'
+    tree = rvaft.loads(f"event e(n, v) = {{event: n, value: v}}; toplevel t; t and x y; {text}")
+    found = Simulation(tree, of_tree(tree)).estimate(rvaft.monitor(tree, semantics="scattered"), 1.0, samples=1000)
+    assert (found.low < (1 - math.exp(-1)) ** 2 < found.high) == (guard != "X == 0")
+
+
+def test_a_guard_over_times_or_values_of_other_events_is_no_part_of_a_rate() -> None:
+    text = "time t as s; event e(n, v) = {event: n, value: v}; toplevel t; t sand x y; "
+    timed = text + 'x on e("x", X) lambda=1/s; y on e("y", Y) when at(y) - at(x) >= 1 s lambda=1/s;'
+    with pytest.raises(RiskError, match="--simulate"):
+        Analysis(form(timed))
+    other = form(text + 'x on e("x", X) lambda=1/s; y on e("y", Y) when X < Y lambda=1/s;')
+    assert other.assumed == ("y",)
+
+
 def test_wilson_never_leaves_0_to_1() -> None:
     assert wilson(0, 10)[0] == 0.0
     assert wilson(10, 10)[1] == pytest.approx(1.0)

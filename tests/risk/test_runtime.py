@@ -213,3 +213,13 @@ def test_probabilities_of_leaves_that_share_an_event_are_lower_bounds(tmp_path: 
     whole = rvaft.load(tree)
     found = Simulation(whole, of_tree(whole)).estimate(rvaft.monitor(whole, semantics="scattered"), 1.0, samples=2000)
     assert Analysis(of_tree(whole)).at(1.0) < found.low
+
+
+def test_ignored_events_are_matched_under_scattered() -> None:
+    text = 'event e(n) = {event: n}; ignore e("x"); t and x y; x on e("x") lambda=1; y on e("y") lambda=1;'
+    tree = rvaft.loads(text)
+    monitor, risk = rvaft.monitor(tree, semantics="scattered"), RiskMonitor(tree, of_tree(tree), 1.0)
+    for name in ("x", "y"):
+        detected = bool(monitor.step({"event": name}))
+        assert (risk.step({"event": name}) == 1.0) == detected
+    assert detected

@@ -74,6 +74,9 @@ class Machine:
         self._modules = self._claimed()
         self._ordered = self._order_matters()
         self._given = given or {}
+        self._chanced = [place for place, leaf in self._leaves.items() if self._chance(leaf) is not None]
+        self._free = {place for place in self._leaves
+                      if not (self._waits[place] or self._follows.get(place) or self._excludes.get(place))}  # fmt: skip
         for place, leaf in self._leaves.items():
             if self._waits[place] and self._is_dependent(leaf.name):
                 raise RiskError(f"{leaf.node} depends on a trigger, and its clock starts with a later part of a "
@@ -249,6 +252,8 @@ class Machine:
                     yield leaf, rate
 
     def _may_happen(self, state: State, place: int) -> bool:
+        if place in self._free:
+            return True
         if any(state[before] != FAILED for before in self._waits[place]):
             return False
         if any(state[before] != FAILED for before in self._follows.get(place, ())):
@@ -282,13 +287,15 @@ class Machine:
         left = list(state)
         for place in events:
             self._counted(left, place)
-        together = self._together(state, [*left])
         first = self._evaluated(state, left)
+        self._check_claims(state, first)
         due = self._due(first)
-        if not due or (len(due) == 1 and not self._dependencies):
+        if not due:
+            return self._tidy(first)
+        together = self._together(state, left)
+        if len(due) == 1 and not self._dependencies:
             self._check_claims(state, together)
             return self._tidy(together)
-        self._check_claims(state, first)
         outcomes = {self._tidy(one) for one in (together, *self._in_turn(first))}
         if len(outcomes) > 1:
             names = sorted(self.names[place] for place in due if place in self._ordered)
@@ -356,7 +363,7 @@ class Machine:
             if name in self.number and state[self.number[name]] not in (FAILED, FORGOTTEN)
         ]
         coins = self._coins
-        won = [p for p in self._leaves if state[p] == WON and p not in coins and self._may_happen(state, p)]
+        won = [p for p in self._chanced if state[p] == WON and p not in coins and self._may_happen(state, p)]
         return list(dict.fromkeys([*won, *found]))
 
     # ---- gates ----------------------------------------------------------------------------------

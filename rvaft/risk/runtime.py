@@ -171,6 +171,14 @@ class RiskMonitor:
         read = [reading for number in candidates for reading in self._patterns[number].readings(event)]
         if not read:
             return self.risk
+        if len(read) == len(self._states) == len(self._states[()]) == 1 and not (read[0][1] or read[0][0].guard):
+            [state] = self._states[()]
+            after = self._after(state, read[0][0].leaf.name)
+            if after == _EXCLUDED:
+                self.contradictions += 1
+            elif after != state:
+                self._keep((), self._values[()], [after])
+            return self.risk
         new: dict[Binding, tuple[dict[str, Json], list[int]]] = {}
         excluded = False
         for (joined, old), values in self._targets(read).items():

@@ -1,6 +1,7 @@
 """The risk given a log: known values, the verdicts of the monitor, and the states of the monitor itself."""
 
 import random
+import re
 from pathlib import Path
 
 import pytest
@@ -223,3 +224,26 @@ def test_ignored_events_are_matched_under_scattered() -> None:
         detected = bool(monitor.step({"event": name}))
         assert (risk.step({"event": name}) == 1.0) == detected
     assert detected
+
+
+def test_predicted_risks_are_observed() -> None:
+    text = "toplevel t; t or g h; g sand x y; h and y z z2; x lambda=.5; y lambda=.4; z lambda=.7; z2 lambda=.3;"
+    tree = rvaft.loads(re.sub(r"(lambda=\S+);", r"\1 once=no;", text))
+    rates = {"x": 0.5, "y": 0.4, "z": 0.7, "z2": 0.3}
+    source, first = random.Random(7), RiskMonitor(tree, of_tree(tree), 1.0)
+    hits = expected = variance = 0.0
+    for _ in range(3000):
+        log, at = [], 0.0
+        while at < 3.0:
+            at += source.expovariate(sum(rates.values()))
+            log.append((at, source.choices([*rates], [*rates.values()])[0]))
+        monitor, risk = rvaft.monitor(tree, semantics="scattered"), first.fresh()
+        for _, name in log[:2]:
+            monitor.step({"event": name})
+            risk.step({"event": name})
+        if monitor.verdict.final:
+            continue
+        expected += risk.risk
+        variance += risk.risk * (1 - risk.risk)
+        hits += any([monitor.step({"event": name}).final for at, name in log[2:] if at <= log[1][0] + 1.0][-1:])
+    assert abs(hits - expected) < 3 * variance**0.5

@@ -29,8 +29,7 @@ ORACLE = Path(__file__).with_name("storm.py")
 SECONDS = 12
 """How long Storm may work on one file."""
 PRECISION = 1e-9
-MEAN_PRECISION = 1e-6
-"""Storm solves equations for the mean time to this precision."""
+MEAN_PRECISION = 1e-9
 
 needs_storm = pytest.mark.skipif(importlib.util.find_spec("stormpy") is None, reason="stormpy is not installed")
 needs_scram = pytest.mark.skipif(shutil.which("scram") is None, reason="SCRAM is not installed")

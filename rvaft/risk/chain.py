@@ -24,6 +24,8 @@ FORGOTTEN: Final = -3
 """An element on which no open element depends."""
 WON: Final = -4
 """A leaf with a probability that happens as soon as its part begins."""
+LOST: Final = -5
+"""A leaf with a probability that did not happen, and that a trigger can still fail."""
 
 DEFAULT_STATES: Final = 200_000
 _MOST_COINS: Final = 16
@@ -205,13 +207,16 @@ class Machine:
         for outcome in product((True, False), repeat=len(uncertain)):
             decided, weight = list(state), 1.0
             for place, chance in coins:
-                decided[place] = WON if chance else SAFE
+                decided[place] = WON if chance else self._lost(place)
             for (place, chance), won in zip(uncertain, outcome, strict=True):
-                decided[place] = WON if won else SAFE
+                decided[place] = WON if won else self._lost(place)
                 weight *= chance if won else 1 - chance
             settled = self._settled(tuple(decided), ())
             found[settled] = found.get(settled, 0.0) + weight
         return found
+
+    def _lost(self, place: int) -> int:
+        return LOST if self._is_dependent(self.names[place]) else SAFE
 
     def _chance(self, leaf: Leaf) -> float | None:
         return self._given.get(leaf.name, leaf.numbers.chance)
@@ -442,7 +447,7 @@ class Machine:
             if place in needed:
                 continue
             needed.add(place)
-            if state[place] < 0 and state[place] != WON:
+            if state[place] < 0 and state[place] not in (WON, LOST):
                 continue
             waiting.extend(self._depends(state, place))
         return tuple([one if place in needed else FORGOTTEN for place, one in enumerate(state)])

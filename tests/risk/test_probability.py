@@ -61,6 +61,13 @@ def test_spares_in_use(text: str, expected: float) -> None:
     assert Analysis(form(f"toplevel t; {text}{leaves}", galileo=True)).at(1.0) == pytest.approx(expected, rel=1e-10)
 
 
+def test_a_trigger_fails_a_leaf_that_did_not_happen_by_its_probability() -> None:
+    text = "toplevel t; t and g u; g pand a b; a prob=.4; b lambda=.7; u lambda=.1; d fdep u a;"
+    hit = (1 - math.exp(-0.7)) * (1 - math.exp(-0.1))  # b and u have happened, a at time 0
+    later = 1 - math.exp(-0.1) - 0.1 / 0.8 * (1 - math.exp(-0.8))  # b before u
+    assert Analysis(form(text, galileo=True)).at(1.0) == pytest.approx(0.4 * hit + 0.6 * (hit - later), rel=1e-10)
+
+
 @given(static_texts())
 @settings(max_examples=60)
 def test_static_trees_equal_an_enumeration(text: str) -> None:

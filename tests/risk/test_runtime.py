@@ -227,7 +227,7 @@ def test_ignored_events_are_matched_under_scattered() -> None:
 
 
 def test_predicted_risks_are_observed() -> None:
-    text = "toplevel t; t or g h; g sand x y; h and y z z2; x lambda=.5; y lambda=.4; z lambda=.7; z2 lambda=.3;"
+    text = "toplevel t; t or g h; g sand x y; h and z z2; x lambda=.5; y lambda=.4; z lambda=.7; z2 lambda=.3;"
     tree = rvaft.loads(re.sub(r"(lambda=\S+);", r"\1 once=no;", text))
     rates = {"x": 0.5, "y": 0.4, "z": 0.7, "z2": 0.3}
     source, first = random.Random(7), RiskMonitor(tree, of_tree(tree), 1.0)

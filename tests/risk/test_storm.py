@@ -14,14 +14,14 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given, reject, settings
 
 from rvaft.errors import TooLarge
 from rvaft.risk.model import RiskError, of_file
 from rvaft.risk.probability import Analysis
 from tests.cli.runs import run
 from tests.language.test_galileo_corpus import CORPUS, FILES
-from tests.risk.forms import form, static_texts
+from tests.risk.forms import form, galileo_texts, static_texts
 
 pytest.importorskip("oxidd")
 
@@ -168,6 +168,21 @@ def test_small_dynamic_trees_have_the_numbers_of_storm(text: str, dormancy: str,
     ).replace("=D", f"={dormancy}")
     file = galileo(f"toplevel t;\n{text}\n{leaves}", tmp_path)
     compare(file, Analysis(of_file(file)))
+
+
+@pytest.mark.slow
+@needs_storm
+@given(galileo_texts())
+@settings(max_examples=60)
+def test_random_dynamic_trees_have_the_numbers_of_storm(tmp_path_factory: pytest.TempPathFactory, text: str) -> None:
+    file = tmp_path_factory.mktemp("storm") / "t.dft"
+    file.write_text(text)
+    try:
+        analysis = Analysis(of_file(file))
+        analysis.at(1.0)
+        compare(file, analysis)
+    except (RiskError, pytest.skip.Exception):
+        reject()
 
 
 UNREAD = re.compile(r" (or|and) \w+;|\b(1of|2of2|3of3|4of4)|prob=0.0")

@@ -3,7 +3,7 @@
 from typing import Final
 
 from rvaft.cli import warn
-from rvaft.cli.risk_tree import Horizon, risk_tree
+from rvaft.cli.risk_tree import Horizon, risk_tree, warn_of_bounds
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError
 from rvaft.model.tree import RVAFT
@@ -129,6 +129,7 @@ def risk_listener(file: str, plan: MonitoringPlan, horizon: Horizon, above: floa
     part = plan.monitors.columns[0].part
     form = of_tree(part) if part.restricted else risk_tree(file)
     horizon.require(form.unit, file)
+    warn_of_bounds(form)
     listener = RiskListener(plan, form, horizon, above, hooks)
     if above is not None and listener.first > above:
         warn(

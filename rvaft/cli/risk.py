@@ -10,7 +10,7 @@ from typing import Final
 import click
 from click.core import ParameterSource
 
-from rvaft.cli import options, warn
+from rvaft.cli import options
 from rvaft.cli.risk_tree import (
     Horizon,
     chart_option,
@@ -18,6 +18,7 @@ from rvaft.cli.risk_tree import (
     number_text,
     risk_tree,
     time_option,
+    warn_of_bounds,
     without_option,
     write_chart,
 )
@@ -99,8 +100,7 @@ def risk_command(
     if horizon is not None:
         horizon.require(analysis.unit)
     time = horizon.value if horizon is not None else 0.0
-    if given.assumed:
-        warn(f"guards are taken to hold, so probabilities are upper bounds: {', '.join(given.assumed)}")
+    warn_of_bounds(given)
     if curve is not None:
         if horizon is None:
             raise click.UsageError("--curve needs --time", click.get_current_context())

@@ -9,7 +9,7 @@ from typing import Final
 
 import click
 
-from rvaft.cli import options
+from rvaft.cli import options, warn
 from rvaft.errors import OptionError
 from rvaft.export import format_of
 from rvaft.export.chart import FORMATS, Chart, chart_text
@@ -17,6 +17,7 @@ from rvaft.model.event_time import UNITS, scaled
 from rvaft.model.nodes import Kind
 from rvaft.model.quantities import NANOSECONDS
 from rvaft.risk.model import RiskTree, of_draft, of_tree
+from rvaft.risk.runtime import confused
 from rvaft.rules.validity import valid_part
 from rvaft.support.files import deliver
 
@@ -93,6 +94,17 @@ def risk_tree(tree: str, *, branch: int | None = None, kind: Kind | None = None)
     if form.tree is None:
         raise OptionError("dynamic gates of Galileo have no branches or kinds: omit --branch and --kind")
     return of_tree(valid_part(form.tree, branch, kind))
+
+
+def warn_of_bounds(form: RiskTree) -> None:
+    """Warn where a probability of a tree is a bound."""
+    if form.assumed:
+        warn(f"guards are taken to hold, so probabilities are upper bounds: {', '.join(form.assumed)}")
+    if some := confused(form):
+        warn(
+            f"one event may be that of {some[0]} and of {some[1]}, which are two processes here: a monitor detects "
+            "earlier, so probabilities are lower bounds"
+        )
 
 
 without_option: Final = click.option(

@@ -8,7 +8,7 @@ time 0; those of a later part of a sequence happen when that part begins.
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise, permutations, product
 from typing import Final, TypeAlias, assert_never
 
 from rvaft.errors import TooLarge
@@ -26,7 +26,7 @@ FORGOTTEN: Final = -3
 WON: Final = -4
 """A leaf with a probability that happens as soon as its part begins."""
 LOST: Final = -5
-"""A leaf with a probability that does not happen by itself, but a trigger can bring it about."""
+"""A leaf with a probability that did not happen, and that a trigger can still fail."""
 
 DEFAULT_STATES: Final = 200_000
 _MOST_COINS: Final = 16
@@ -80,6 +80,9 @@ class Machine:
         self._modules = self._claimed()
         self._ordered = self._order_matters()
         self._given = given or {}
+        self._chanced = [place for place, leaf in self._leaves.items() if self._chance(leaf) is not None]
+        self._free = {place for place in self._leaves
+                      if not (self._waits[place] or self._follows.get(place) or self._excludes.get(place))}  # fmt: skip
         for place, leaf in self._leaves.items():
             if self._waits[place] and self._is_dependent(leaf.name):
                 raise RiskError(f"{leaf.node} depends on a trigger, and its clock starts with a later part of a "
@@ -133,19 +136,41 @@ class Machine:
                     excludes.setdefault(self.number[name], set()).update(self.number[o] for o in inside if o != name)
         return follows, excludes
 
-    def _claimed(self) -> dict[int, list[tuple[int, int]]]:
-        """Return the spare gates that use a leaf, with the place of the child that has it."""
-        modules: dict[int, list[tuple[int, int]]] = {}
+    def _claimed(self) -> dict[int, frozenset[frozenset[tuple[int, int]]]]:
+        """Return, for each leaf that is not always in use, the uses that make it so: spares with their places."""
+        used = {child for place in self._places for child in place.children}
+        found: dict[int, frozenset[frozenset[tuple[int, int]]]] = {}
+        for place in reversed(self._places):
+            mine = found.get(place.number, frozenset())
+            if place.number == self._root or place.number not in used or frozenset() in mine:
+                mine = frozenset([frozenset()])
+            found[place.number] = mine
+            for position, child in enumerate(place.children):
+                use = frozenset([(place.number, position)] if place.op is Op.SPARE and position else [])
+                found[child] = found.get(child, frozenset()) | {one | use for one in mine}
         for spare in self._spares:
-            for position, child in enumerate(spare.children):
-                for name in below(self.tree, [self.names[child]]):
-                    place = self.number[name]
-                    if position and self._places[place].op is Op.SPARE:
-                        raise RiskError(f"the spare {self.names[child]} has a spare gate, {name}, of its own, which is "
-                                        "not analysed")  # fmt: skip
-                    if place in self._leaves:
-                        modules.setdefault(place, []).append((spare.number, position))
-        return modules
+            for child in spare.children[1:]:
+                self._check_module(child)
+        return {place: found[place] for place in self._leaves if frozenset() not in found[place]}
+
+    def _check_module(self, spare: int) -> None:
+        """Raise `RiskError` if a part that is a spare has a spare gate, or leaves that others use, too."""
+        inside = {self.number[name] for name in below(self.tree, [self.names[spare]])}
+        for number in sorted(inside):
+            if self._places[number].op is Op.SPARE:
+                raise RiskError(
+                    f"the spare {self.names[spare]} has a spare gate, {self.names[number]}, of its own, which is not "
+                    "analysed"
+                )
+        if all(self._leaves[one].numbers.dormancy in (None, 1.0) for one in inside if one in self._leaves):
+            return
+        for place in self._places:
+            shared = inside.intersection(place.children) - {spare}
+            if shared and place.number not in inside:
+                raise RiskError(
+                    f"{self.names[min(shared)]} is part of the spare {self.names[spare]} and of "
+                    f"{self.names[place.number]}: when it is in use is not defined"
+                )
 
     def _order_matters(self) -> frozenset[int]:
         """Return the elements below gates in which the order at one moment matters, also through triggers."""
@@ -186,15 +211,15 @@ class Machine:
         for outcome in product((True, False), repeat=len(uncertain)):
             decided, weight = list(state), 1.0
             for place, chance in coins:
-                decided[place] = WON if chance else self._missed(place)
+                decided[place] = WON if chance else self._lost(place)
             for (place, chance), won in zip(uncertain, outcome, strict=True):
-                decided[place] = WON if won else self._missed(place)
+                decided[place] = WON if won else self._lost(place)
                 weight *= chance if won else 1 - chance
             settled = self._settled(tuple(decided), ())
             found[settled] = found.get(settled, 0.0) + weight
         return found
 
-    def _missed(self, place: int) -> int:
+    def _lost(self, place: int) -> int:
         return LOST if self._is_dependent(self.names[place]) else SAFE
 
     def _chance(self, leaf: Leaf) -> float | None:
@@ -236,6 +261,8 @@ class Machine:
                     yield leaf, rate
 
     def _may_happen(self, state: State, place: int) -> bool:
+        if place in self._free:
+            return True
         if any(state[before] != FAILED for before in self._waits[place]):
             return False
         if any(state[before] != FAILED for before in self._follows.get(place, ())):
@@ -243,7 +270,7 @@ class Machine:
         return not any(state[other] == FAILED for other in self._excludes.get(place, ()))
 
     def _active(self, state: State, place: int) -> bool:
-        return any(position == 0 or state[spare] == position for spare, position in self._modules[place])
+        return any(all(state[spare] == position for spare, position in one) for one in self._modules[place])
 
     def after(self, state: State, name: str) -> State:
         """Return the state after one more event of a leaf, which may leave it as it is.
@@ -269,16 +296,20 @@ class Machine:
         left = list(state)
         for place in events:
             self._counted(left, place)
-        together = self._together(state, [*left])
-        if not self._dependencies:
+        first = self._evaluated(state, left)
+        self._check_claims(state, first)
+        due = self._due(first)
+        if not due:
+            return self._tidy(first)
+        together = self._together(state, left)
+        if len(due) == 1 and not self._dependencies:
+            self._check_claims(state, together)
             return self._tidy(together)
-        outcomes = {self._tidy(together)}
-        for one in self._in_turn(self._evaluated(state, left)):
-            outcomes.add(self._tidy(one))
+        outcomes = {self._tidy(one) for one in (together, *self._in_turn(first))}
         if len(outcomes) > 1:
-            names = sorted({name for one in self._dependencies for name in one.dependents if name in self.number})
+            names = sorted(self.names[place] for place in due if place in self._ordered)
             some = ", ".join(names[:5])
-            raise RiskError(f"the order of simultaneous failures decides ({some} fail at once by a trigger): a number "
+            raise RiskError(f"the order of simultaneous failures decides ({some} happen at the same moment): a number "
                             "would depend on it")  # fmt: skip
         return outcomes.pop()
 
@@ -291,6 +322,20 @@ class Machine:
                 return found
             for place in more:
                 left[place] = FAILED
+
+    def _check_claims(self, before: State, after: State) -> None:
+        """Raise `RiskError` if two gates need one spare at the same moment."""
+        changed = [
+            gate for gate in self._spares if before[gate.number] >= 0 and after[gate.number] != before[gate.number]
+        ]
+        for gate, other in permutations(changed, 2) if len(changed) > 1 else ():
+            new, last = after[gate.number], after[other.number]
+            passed = other.children[before[other.number] + 1 : last if last >= 0 else None]
+            if new >= 0 and gate.children[new] in passed:
+                raise RiskError(
+                    f"{self.names[gate.number]} and {self.names[other.number]} need the spare "
+                    f"{self.names[gate.children[new]]} at the same moment: their order would decide"
+                )
 
     def _in_turn(self, start: State) -> set[State]:
         """Return the states if what follows happens one after the other, in each order."""
@@ -308,6 +353,7 @@ class Machine:
                 for place in places:
                     left[place] = FAILED
                 then = self._evaluated(state, left)
+                self._check_claims(state, then)
                 if then not in seen:
                     seen.add(then)
                     waiting.append(then)
@@ -326,7 +372,7 @@ class Machine:
             if name in self.number and state[self.number[name]] not in (FAILED, FORGOTTEN)
         ]
         coins = self._coins
-        won = [p for p in self._leaves if state[p] == WON and p not in coins and self._may_happen(state, p)]
+        won = [p for p in self._chanced if state[p] == WON and p not in coins and self._may_happen(state, p)]
         return list(dict.fromkeys([*won, *found]))
 
     # ---- gates ----------------------------------------------------------------------------------
@@ -429,9 +475,8 @@ class Machine:
                 if name in one.dependents:
                     yield self.number[one.trigger]
                     yield place if one.coin is None else self.number[one.coin]
-            for spare, position in self._modules.get(place, ()):
-                if position and state[spare] >= 0:
-                    yield spare
+            for uses in self._modules.get(place, ()):
+                yield from (spare for spare, _ in uses if state[spare] >= 0)
 
 
 def _with_causes(tree: RiskTree, root: str) -> list[str]:

@@ -15,6 +15,7 @@ from rvaft.errors import RvaftError
 from rvaft.language.draft import Draft, GateUse
 from rvaft.language.galileo import ATTACK_TREES, is_galileo
 from rvaft.language.parser import parse_file_as_written
+from rvaft.model.guards import time_points, variables
 from rvaft.model.nodes import Causality, Gate, Kind, Node
 from rvaft.model.quantities import Quantities, WrongQuantity, quantities
 from rvaft.model.tree import RVAFT, find_cycle
@@ -367,7 +368,7 @@ class _Building:
 
     def _element(self, node: Node, kind: str | None) -> None:
         numbers = self._numbers(node)
-        if node.without or node.within is not None:
+        if node.without or node.within is not None or node.own_values:
             self._timed.append(node.name)
         if node.leaf:
             self._leaves[node.name] = self._leaf(node, node.name, numbers)
@@ -397,6 +398,11 @@ class _Building:
         if guard and numbers.chance is None:
             self._assumed.append(node.name)
             numbers = Quantities(chance=1.0)
+        if node.on is not None and node.when is not None:
+            if time_points(node.when):
+                self._timed.append(node.name)
+            elif not set(variables(node.when)) <= set(node.on.variables):
+                self._assumed.append(node.name)
         fails = node.on is None or self._galileo or node.name in self._persistent
         once = fails if numbers.once is None else numbers.once
         return Leaf(name, node.name, numbers, once or guard, node.times, node.kind, node.label, guard)

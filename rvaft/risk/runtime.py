@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
+from rvaft.core.overlaps import Overlaps, overlaps
 from rvaft.core.pattern_index import FirstLiterals, flat
 from rvaft.errors import TooLarge
 from rvaft.model.guards import Predicate, predicate
@@ -27,8 +28,9 @@ _REMEMBERED: Final = 100_000
 
 _EXCLUDED: Final = -1
 
-Whole: TypeAlias = tuple[tuple[State, ...], tuple[int, ...]]
-"""The states of the parts, and how many events of each other leaf have happened."""
+Whole: TypeAlias = tuple[tuple[State, ...], tuple[int, ...], frozenset[str]]
+"""The states of the parts, how many events of each other leaf have happened, and which leaves with a guard over values
+of other events have had one."""
 Binding: TypeAlias = tuple[tuple[str, Any], ...]
 
 
@@ -100,7 +102,6 @@ class RiskMonitor:
     ) -> None:
         self._analysis = Analysis(form, states=states)
         self._horizon, self._limit = horizon, instances
-        self._ignored = ignoring(tree)
         diagram = self._analysis.diagram
         self._parts = tuple(name for name in diagram.variables if name in self._analysis.parts)
         self._lookups = tuple(Lookup(form, part, horizon, states) for part in self._parts)
@@ -110,6 +111,7 @@ class RiskMonitor:
                 raise RiskError(f"the rate of {leaf.node} changes with time (`shape`): its risk depends on its age")
         self._all = tuple(self._leaves())
         self._patterns = list(leaf_patterns(tree, self._all))
+        self._shared = {one.leaf.name: one for one in self._patterns if not {*one.names} <= {*one.variables}}
         literals = [plain.literals if (plain := flat(one.pattern)) else {} for one in self._patterns]
         self._index = FirstLiterals(literals)
         self._time = tree.time
@@ -119,7 +121,8 @@ class RiskMonitor:
         self._ids: dict[Whole, int] = {}
         self._risks: list[float | None] = []
         self._moves: dict[tuple[int, str], int] = {}
-        self._first = self._id((tuple([one.machine.start() for one in self._lookups]), (0,) * len(self._others)))
+        starts = tuple([one.machine.start() for one in self._lookups])
+        self._first = self._id((starts, (0,) * len(self._others), frozenset()))
         self._begin()
 
     def _begin(self) -> None:
@@ -163,43 +166,79 @@ class RiskMonitor:
             late, self._latest = self._time.is_late(event, self._latest)
             if late:
                 return self.risk
-        if not candidates or self._ignored(event):
+        if not candidates:
             return self.risk
         read = [reading for number in candidates for reading in self._patterns[number].readings(event)]
         if not read:
             return self.risk
+        if len(read) == len(self._states) == len(self._states[()]) == 1 and not (read[0][1] or read[0][0].guard):
+            [state] = self._states[()]
+            after = self._after(state, read[0][0].leaf.name)
+            if after == _EXCLUDED:
+                self.contradictions += 1
+            elif after != state:
+                self._keep((), self._values[()], [after])
+            return self.risk
         new: dict[Binding, tuple[dict[str, Json], list[int]]] = {}
         excluded = False
-        for leaf, binding, own in read:
-            for old in list(self._groups.compatible(binding)) if binding else list(self._states):
-                joined = old if not binding or old == binding else _joined(old, binding)
-                values = self._values[old] if joined == old else {**self._values[old], **own}
-                if not leaf.holds(values):
+        for (joined, old), values in self._targets(read).items():
+            states = self._states[old]
+            if joined != old and self._shared:
+                states = [state for state in states if self._allowed(state, values)]
+            mine, news = frozenset(joined), frozenset(joined).difference(old)
+            moved: list[int] = []
+            left: set[int] = set()
+            begun = joined == old
+            for leaf, binding, _ in read:
+                if not mine.issuperset(binding) or not leaf.holds(values):
                     continue
-                for state in self._states[old]:
+                undecided = not all(name in values for name in leaf.names)
+                for state in states:
                     after = self._after(state, leaf.leaf.name)
                     if after == _EXCLUDED:
                         excluded = True
                     elif after != state:
-                        new.setdefault(joined, (values, []))[1].append(after)
-        self.contradictions += excluded
+                        moved.append(after)
+                        begun = begun or not news.isdisjoint(binding)
+                        if not undecided:
+                            left.add(state)
+            if moved and begun:  # a state in which no leaf can happen, or none should, goes on
+                found = new.setdefault(joined, (values, []))[1]
+                found.extend(moved)
+                found.extend(state for state in states if state not in left)
+        self.contradictions += excluded and not new
         for joined, (values, found) in new.items():
             self._keep(joined, values, list(dict.fromkeys(found)))
         return self.risk
+
+    def _targets(self, read: "list[Reading]") -> dict[tuple[Binding, Binding], dict[str, Json]]:
+        """Return the bindings that an event leads to, each with one that it comes from, and their values."""
+        found: dict[tuple[Binding, Binding], dict[str, Json]] = {}
+        for _, binding, own in read:
+            for old in self._groups.compatible(binding) if binding else self._states:
+                joined = old if not binding or old == binding else _joined(old, binding)
+                # the states of a binding have read all that those of a lesser one have
+                if joined == old or joined not in self._states:
+                    found[joined, old] = self._values[old] if joined == old else {**self._values[old], **own}
+        return found
+
+    def _allowed(self, state: int, values: Mapping[str, Json]) -> bool:
+        """Whether the guards hold of the events that a state has used, as far as their variables are bound."""
+        return all(self._shared[name].holds(values) for name in self._wholes[state][2])
 
     def _keep(self, binding: Binding, values: dict[str, Json], states: list[int]) -> None:
         if binding not in self._states:
             if len(self._states) >= self._limit:
                 raise TooLarge("values of variables for which a risk is followed", limit=self._limit)
             self._groups.add(binding)
+        if len(states) > self._limit:
+            raise TooLarge("states that a log leaves open", limit=self._limit)
         self._values[binding], self._states[binding] = values, states
-        top = max(((self._risk(state), binding, state) for state in states), key=lambda one: one[0])
-        if self._best[1] == binding:  # it may have become less likely
+        top = self._top(binding)
+        if top[0] >= self._best[0]:
             self._best = top
-            if len(self._states) > 1:
-                self._best = max((self._top(one) for one in self._states), key=lambda one: one[0])
-        elif top[0] >= self._best[0]:
-            self._best = top
+        elif self._best[1] == binding:  # it has become less likely
+            self._best = top if len(self._states) == 1 else max(map(self._top, self._states), key=lambda one: one[0])
 
     def _top(self, binding: Binding) -> tuple[float, Binding, int]:
         return max(((self._risk(state), binding, state) for state in self._states[binding]), key=lambda one: one[0])
@@ -215,24 +254,26 @@ class RiskMonitor:
         return found
 
     def _moved(self, state: Whole, name: str) -> Whole | None:
-        parts, counts = state
+        parts, counts, used = state
+        if name in self._shared:
+            used = used | {name}
         part = self._part_of.get(name)
         if part is not None:
             machine = self._lookups[part].machine
             if machine.excludes(parts[part], name):
                 return None
             after = machine.after(parts[part], name)
-            return (*parts[:part], after, *parts[part + 1 :]), counts
+            return state if after == parts[part] else ((*parts[:part], after, *parts[part + 1 :]), counts, used)
         place = self._place[name]
         leaf = self._others[place]
         if counts[place] >= leaf.times:
             return None if leaf.once else state
-        return parts, (*counts[:place], counts[place] + 1, *counts[place + 1 :])
+        return parts, (*counts[:place], counts[place] + 1, *counts[place + 1 :]), used
 
     def _risk(self, state: int) -> float:
         found = self._risks[state]
         if found is None:
-            parts, counts = self._wholes[state]
+            parts, counts, _ = self._wholes[state]
             chances: dict[str, float] = {
                 name: one.probability(part) for name, one, part in zip(self._parts, self._lookups, parts, strict=True)
             }
@@ -273,7 +314,7 @@ class LeafPattern(NamedTuple):
         """The variables that an event of the leaf binds."""
         return rigid_variables(self.pattern)
 
-    def readings(self, event: Json) -> "Iterator[tuple[LeafPattern, Binding, dict[str, Json]]]":
+    def readings(self, event: Json) -> "Iterator[Reading]":
         """Yield the values of the variables with which an event is one of the leaf's."""
         seen: set[Binding] = set()
         for found in ways(self.pattern, event, {}):
@@ -286,6 +327,10 @@ class LeafPattern(NamedTuple):
     def holds(self, values: Mapping[str, Json]) -> bool:
         """Whether the guard holds, as far as its variables are bound."""
         return self.guard is None or not all(name in values for name in self.names) or self.guard(values)
+
+
+Reading: TypeAlias = tuple[LeafPattern, Binding, dict[str, Json]]
+"""A leaf that an event shows, and the values of its variables."""
 
 
 def ignoring(tree: RVAFT) -> Callable[[Json], bool]:
@@ -306,13 +351,30 @@ def leaf_patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[LeafPattern]:
         if node is None or pattern is None or leaf.name.startswith(("dependence of ", "chance of ")):
             continue
         if node.own_values:
-            raise RiskError(
-                f"{node.name} counts different values, which no rate describes: `rvaft risk --simulate N` estimates"
-            )
+            raise RiskError(f"{node.name} counts different values, which no rate describes")
         guard = tree.guard(leaf.node)
         yield LeafPattern(
             leaf, pattern, None if guard is None else predicate(guard), () if guard is None else guard_variables(guard)
         )
+
+
+def confused(form: RiskTree) -> tuple[str, str] | None:
+    """Return two leaves that one event may show, or None: for a monitor, the events of one are also those of the other.
+
+    >>> import rvaft
+    >>> from rvaft.risk.model import of_tree
+    >>> text = "event e(k) = {k: k}; t sand a b c; a on e(1) lambda=1; b on e(2) lambda=1; c on e(K) lambda=1;"
+    >>> confused(of_tree(rvaft.loads(text)))
+    ('a', 'c')
+    """
+    if form.tree is None:
+        return None
+    leaves = [form.leaves[name] for name in form.order() if name in form.leaves]
+    some = list(leaf_patterns(form.tree, leaves))
+    for one, other in Overlaps([leaf.pattern for leaf in some]).pairs():
+        if overlaps(some[one].pattern, some[other].pattern):
+            return some[one].leaf.node, some[other].leaf.node
+    return None
 
 
 def _joined(one: Binding, other: Binding) -> Binding:

@@ -7,18 +7,30 @@ estimate has its seed, and Wilson's interval of 95 %.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import count
 from random import Random
 from typing import Any, Final
 
 from rvaft.model.event_time import EventTime, TimeFormat
-from rvaft.model.patterns import Anything, ListPattern, Literal, ObjectPattern, Pattern, SomeItem, Variable
+from rvaft.model.guards import time_points, variables
+from rvaft.model.patterns import (
+    Anything,
+    ListPattern,
+    Literal,
+    ObjectPattern,
+    Pattern,
+    SomeItem,
+    Variable,
+    rigid_variables,
+    walk,
+)
 from rvaft.model.quantities import NANOSECONDS
 from rvaft.model.tree import RVAFT
 from rvaft.model.values import Json
 from rvaft.model.verdict import Verdict
 from rvaft.monitors import Monitor
-from rvaft.risk.model import Leaf, RiskError, RiskTree, later_leaves
-from rvaft.risk.runtime import LeafPattern, leaf_patterns
+from rvaft.risk.model import Leaf, Op, RiskError, RiskTree, below, later_leaves
+from rvaft.risk.runtime import leaf_patterns
 
 DEFAULT_SAMPLES: Final = 10_000
 _Z: Final = 1.959963984540054
@@ -73,6 +85,7 @@ class Simulation:
         for leaf in leaves:
             if leaf.name not in shown and not leaf.guard:
                 raise RiskError(f"no event shows {leaf.node}, so a simulated log cannot have it")
+            _check_guard(tree, leaf)
         later = later_leaves(form)
         for one in self.patterns:
             if one.leaf.once and one.leaf.name in later:
@@ -80,17 +93,36 @@ class Simulation:
                     f"{one.leaf.node} is a failure whose clock starts with a later part of a sequence, which a log "
                     "does not tell: write once=no for an event that recurs"
                 )
-        self.events = {one.leaf.name: self._event(one) for one in self.patterns}
+            if one.leaf.numbers.chance and one.leaf.name in later:
+                raise RiskError(
+                    f"{one.leaf.node} has a probability and happens when a later part of a sequence begins, which a "
+                    "log does not tell: write a rate"
+                )
+        tied = _tied(form)
+        if len(tied) > 1:
+            raise RiskError(f"{tied[0]} and {tied[1]} happen at time 0, and their order would decide: write rates")
+        self.events = self._drawn_events()
         self._leaves = [one.leaf for one in self.patterns]
 
-    def _event(self, one: LeafPattern) -> dict[str, Json]:
-        values: dict[str, Json] = {}
-        event = _sample(one.pattern, values)
-        if not isinstance(event, dict):
-            raise RiskError(f"the event of {one.leaf.node} is no object")
-        if not one.holds(values):
-            raise RiskError(f"the guard of {one.leaf.node} depends on values, which a simulation does not draw")
-        return event
+    def _drawn_events(self) -> dict[str, dict[str, Json]]:
+        """Return an event of each leaf, all of one instance: every variable has one value, which no pattern names."""
+        avoided = {str(value) for one in self.patterns for value in _literals(one.pattern)}
+        wrong = ""
+        fresh = next(number for number in count(1_000_003) if str(number) not in avoided)
+        for value in (fresh, *(one for one in (0, 1, -1) if str(one) not in avoided)):
+            found: dict[str, dict[str, Json]] = {}
+            for one in self.patterns:
+                values: dict[str, Json] = {}
+                event = _sample(one.pattern, values, value)
+                if not isinstance(event, dict):
+                    raise RiskError(f"the event of {one.leaf.node} is no object")
+                if not one.holds(values):
+                    wrong = wrong or one.leaf.node
+                    break
+                found[one.leaf.name] = event
+            else:
+                return found
+        raise RiskError(f"the guard of {wrong} depends on values, which a simulation does not draw")
 
     def estimate(
         self,
@@ -197,17 +229,39 @@ def _decimal(nanoseconds: int, size: int) -> str:
     return f"{whole}.{part:0{len(str(size)) - 1}d}"
 
 
-def _sample(pattern: Pattern, values: dict[str, Json]) -> Json:
+def _check_guard(tree: RVAFT, leaf: Leaf) -> None:
+    """Raise `RiskError` for a guard over the values of several events: what is drawn has no distribution of values."""
+    guard = tree.guard(leaf.node)
+    pattern = None if leaf.guard else tree.pattern(leaf.node)
+    own = () if pattern is None else rigid_variables(pattern)
+    points = {point.name for point in time_points(guard)}
+    if any(name not in own and name not in points for name in variables(guard)):
+        raise RiskError(f"the guard of {leaf.node} compares values of several events, which a simulation does not draw")
+
+
+def _tied(form: RiskTree) -> list[str]:
+    """Return the leaves with a probability below gates in which the order of failures decides."""
+    gates = [name for name, gate in form.gates.items() if gate.op in (Op.PRIORITY, Op.FIRST)]
+    leaves = [leaf for name in below(form, gates) if (leaf := form.leaves.get(name)) is not None]
+    return [leaf.node for leaf in leaves if leaf.numbers.chance and not leaf.guard]
+
+
+def _literals(pattern: Pattern) -> Iterator[Json]:
+    return (part.value for part in walk(pattern) if isinstance(part, Literal))
+
+
+def _sample(pattern: Pattern, values: dict[str, Json], fresh: int) -> Json:
+    """Return an event of a pattern, in which all variables have the value `fresh`: that of one instance."""
     match pattern:
         case Literal(value=value):
             return value
         case Variable(name=name):
-            return values.setdefault(name, 0)
+            return values.setdefault(name, fresh)
         case Anything():
-            return 0
+            return fresh
         case ObjectPattern(fields=fields):
-            return {name: _sample(inner, values) for name, inner in fields}
+            return {name: _sample(inner, values, fresh) for name, inner in fields}
         case ListPattern():
-            return [_sample(inner, values) for inner in pattern.items]
+            return [_sample(inner, values, fresh) for inner in pattern.items]
         case SomeItem():
-            return [_sample(pattern.item, values)]
+            return [_sample(pattern.item, values, fresh)]

@@ -28,6 +28,35 @@ def static_texts(draw: st.DrawFn, leaves: int = 6) -> str:
     return f"toplevel {known[-1]}; {' '.join(lines)}"
 
 
+@st.composite
+def galileo_texts(draw: st.DrawFn, leaves: int = 5, *, dependencies: bool = True) -> str:
+    """Draw a dynamic tree in Galileo's format, a statement on each line; not all of them can be analysed."""
+    names = [f"e{number}" for number in range(draw(st.integers(2, leaves)))]
+    known, lines = list(names), list[str]()
+    for gate in range(draw(st.integers(1, 4))):
+        last = [known[-1]] if gate else []
+        chosen = draw(st.lists(st.sampled_from(known), min_size=1, max_size=3, unique=True))
+        children = draw(st.permutations(list(dict.fromkeys([*chosen, *last]))))
+        vote = f"{draw(st.integers(1, len(children)))}of{len(children)}"
+        word = draw(st.sampled_from(["or", "and", vote, "pand", "por", "wsp", "wsp", "csp"]))
+        if len(children) == 1 and word in ("wsp", "csp", "pand", "por"):
+            word = "or"
+        known.append(f"g{gate}")
+        lines.append(" ".join(f'"{name}"' if name != word else word for name in [known[-1], word, *children]))
+    words = st.lists(st.sampled_from(["fdep", "pdep=0.3", "seq", "mutex"]), max_size=2 if dependencies else 0)
+    for place, word in enumerate(draw(words)):
+        some = draw(st.lists(st.sampled_from(names), min_size=2, max_size=3, unique=True))
+        if word in ("fdep", "pdep=0.3"):
+            trigger = draw(st.sampled_from([name for name in known if name not in some] or [""]))
+            some = [trigger, *some[:2]] if trigger else some
+        lines.append(" ".join([f'"d{place}"', word, *(f'"{name}"' for name in some)]))
+    for name in names:
+        dormancy = draw(st.sampled_from(["", " dorm=0", " dorm=0.3", " dorm=1"]))
+        value = draw(st.sampled_from([f"lambda={draw(st.integers(1, 9)) / 10}"] * 6 + ["prob=0.4", "lambda=0"]))
+        lines.append(f'"{name}" {value}{dormancy if "lambda" in value else ""}')
+    return "".join(f"{line};\n" for line in [f'toplevel "{known[-1]}"', *lines])
+
+
 def holds(tree: RiskTree, happened: Mapping[str, bool]) -> bool:
     """Return whether the root of a static tree happens, if these leaves do."""
     values = dict(happened)

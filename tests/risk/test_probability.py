@@ -42,6 +42,32 @@ def test_a_spare_that_two_gates_share_goes_to_the_first_that_fails() -> None:
     assert analysis.mean_time() == pytest.approx(1.0, rel=1e-9)
 
 
+A, B = (math.exp(-rate) for rate in (0.5, 0.2))  # nothing of the rates of LEAVES by time 1
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        # the spare of a spare gate in use is not in use itself: x, y, z fail one after the other
+        ("t csp g z; g csp x y;", 0.0013692667546319),
+        # what another gate uses, too, is in use from the beginning
+        ("t or g h; g csp x y; h pand x y;", (1 - A) * (1 - B)),
+        # a taken spare stays taken, also one that never fails
+        ("t or g h; g wsp x s; h wsp y s; s lambda=0;", (1 - A) * (1 - B)),
+    ],
+)
+def test_spares_in_use(text: str, expected: float) -> None:
+    leaves = LEAVES.replace(";", " dorm=0;")
+    assert Analysis(form(f"toplevel t; {text}{leaves}", galileo=True)).at(1.0) == pytest.approx(expected, rel=1e-10)
+
+
+def test_a_trigger_fails_a_leaf_that_did_not_happen_by_its_probability() -> None:
+    text = "toplevel t; t and g u; g pand a b; a prob=.4; b lambda=.7; u lambda=.1; d fdep u a;"
+    hit = (1 - math.exp(-0.7)) * (1 - math.exp(-0.1))  # b and u have happened, a at time 0
+    later = 1 - math.exp(-0.1) - 0.1 / 0.8 * (1 - math.exp(-0.8))  # b before u
+    assert Analysis(form(text, galileo=True)).at(1.0) == pytest.approx(0.4 * hit + 0.6 * (hit - later), rel=1e-10)
+
+
 @given(static_texts())
 @settings(max_examples=60)
 def test_static_trees_equal_an_enumeration(text: str) -> None:
@@ -108,6 +134,43 @@ def test_a_window_is_estimated() -> None:
     assert later.low < 0.5415 < later.high
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('x on e("x", X) lambda=1; y on e("y", Y) lambda=1; g when X != Y', "of g compares values of several"),
+        ('x on e("x", X) lambda=1; y on e("y", Y) when X < Y lambda=1; g prob=1', "of y compares values of several"),
+        ('x on e("x", X) when startswith(X, "a") lambda=1; y on e("y", X) lambda=1; g prob=1', "depends on values"),
+        ("x sand y; y prob=.5 once=no; g prob=1", "y has a probability and happens when a later part"),
+        ("x pand y z; y prob=.5; z prob=.5; g lambda=1", "y and z happen at time 0"),
+        ('x times 2 distinct X on e("x", X) lambda=1; y lambda=1; g lambda=1', "counts different values"),
+    ],
+)
+def test_what_a_simulated_log_cannot_tell_is_refused(text: str, message: str) -> None:
+    top = "toplevel top; top and x g; x2 prob=1;" if "pand" in text else "toplevel top; top and x y g;"
+    if "x sand y" in text:
+        text, top = text.replace("x sand y", "x sand x1 y; x1 lambda=1"), "toplevel top; top and x g;"
+    tree = rvaft.loads(f"event e(n, v) = {{event: n, value: v}}; {top} {text};".replace("x2 prob=1;", ""))
+    with pytest.raises(RiskError, match=message):
+        Simulation(tree, of_tree(tree))
+
+
+@pytest.mark.parametrize("guard", ["X > 3", "X == 0", "X != 0"])
+def test_simulated_events_satisfy_the_guards_of_one_instance(guard: str) -> None:
+    text = f'x on e("x", X) when {guard} lambda=1; y on e("y", X) lambda=1 without e("x", 0) before;'
+    tree = rvaft.loads(f"event e(n, v) = {{event: n, value: v}}; toplevel t; t and x y; {text}")
+    found = Simulation(tree, of_tree(tree)).estimate(rvaft.monitor(tree, semantics="scattered"), 1.0, samples=1000)
+    assert (found.low < (1 - math.exp(-1)) ** 2 < found.high) == (guard != "X == 0")
+
+
+def test_a_guard_over_times_or_values_of_other_events_is_no_part_of_a_rate() -> None:
+    text = "time t as s; event e(n, v) = {event: n, value: v}; toplevel t; t sand x y; "
+    timed = text + 'x on e("x", X) lambda=1/s; y on e("y", Y) when at(y) - at(x) >= 1 s lambda=1/s;'
+    with pytest.raises(RiskError, match="--simulate"):
+        Analysis(form(timed))
+    other = form(text + 'x on e("x", X) lambda=1/s; y on e("y", Y) when X < Y lambda=1/s;')
+    assert other.assumed == ("y",)
+
+
 def test_wilson_never_leaves_0_to_1() -> None:
     assert wilson(0, 10)[0] == 0.0
     assert wilson(10, 10)[1] == pytest.approx(1.0)
@@ -143,6 +206,12 @@ def test_the_mean_time_of_parts_and_leaves() -> None:
         ("t or a b; a lambda=x; b prob=.1;", False, "not a rate"),
         ("t or a b; a lambda=1 repair=1; b prob=.1;", True, "unavailability"),
         ("t pand a b c; d fdep t2 a b; t2 lambda=1; a lambda=1; b lambda=1; c lambda=1; toplevel t;", True, "order of"),
+        ("t and g h; g wsp a s; h wsp a s; a lambda=1; s lambda=1;", True, "at the same moment"),
+        (
+            "t or g h; g wsp a b; h or c d; b and c e; a lambda=1; c lambda=1 dorm=0; e lambda=1; d lambda=1;",
+            True,
+            "in use",
+        ),
         ("t wsp a b; b wsp c d; a lambda=1; c lambda=1; d lambda=1;", True, "spare gate"),
     ],
 )

@@ -9,16 +9,8 @@ import click
 from click.core import ParameterSource
 
 from rvaft.cli import options
-from rvaft.cli.risk_tree import (
-    Horizon,
-    chart_option,
-    csv_text,
-    number_text,
-    risk_tree,
-    time_option,
-    without_option,
-    write_chart,
-)
+from rvaft.cli.horizon import Horizon, number_text, time_option
+from rvaft.cli.risk_tree import chart_option, csv_text, risk_tree, without_option, write_chart
 from rvaft.export.chart import Chart
 from rvaft.model.nodes import Kind
 from rvaft.risk.attacks import Attack, Attacks

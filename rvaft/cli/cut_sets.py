@@ -7,7 +7,8 @@ from typing import Any
 import click
 
 from rvaft.cli import options, warn
-from rvaft.cli.risk_tree import Horizon, csv_text, number_text, risk_tree, time_option, without_option
+from rvaft.cli.horizon import Horizon, number_text, time_option
+from rvaft.cli.risk_tree import csv_text, risk_tree, without_option
 from rvaft.model.nodes import Kind
 from rvaft.risk.cut_sets import CutSet, CutSets
 from rvaft.risk.model import RiskTree, without

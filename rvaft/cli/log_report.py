@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from rvaft.cli import FAILED, log_options, options, warn
+from rvaft.cli.horizon import time_option
 from rvaft.cli.monitor import (
     RISK,
     TracesGiven,
@@ -19,7 +20,6 @@ from rvaft.cli.monitor import (
 )
 from rvaft.cli.monitor_output import MonitorSettings, Reporter, Sink, SummaryRow, held, read_afresh
 from rvaft.cli.monitor_run import run
-from rvaft.cli.risk_tree import time_option
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.model.nodes import Kind
 from rvaft.reports.index import INDEX, Row, index_page, page_names

@@ -12,9 +12,9 @@ import click
 from rvaft.api import translate
 from rvaft.cli import FAILED, Failures, log_options, options, warn
 from rvaft.cli.alerts import FORMS, Template
+from rvaft.cli.horizon import Horizon, time_option
 from rvaft.cli.monitor_output import AFRESH, REPORTERS, MonitorSettings
 from rvaft.cli.monitor_run import SUFFIXES, TraceSource, run
-from rvaft.cli.risk_tree import Horizon, time_option
 from rvaft.cli.trees import ONE_BRANCH, TreesCommand, about, loaded, trees_given
 from rvaft.engine.monitor import Engine, repeating_engine
 from rvaft.errors import NotExpressible, TooLarge

@@ -3,7 +3,8 @@
 from typing import Final
 
 from rvaft.cli import warn
-from rvaft.cli.risk_tree import Horizon, risk_tree, warn_of_bounds
+from rvaft.cli.horizon import Horizon
+from rvaft.cli.risk_tree import risk_tree, warn_of_bounds
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError
 from rvaft.model.tree import RVAFT

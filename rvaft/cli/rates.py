@@ -9,7 +9,7 @@ from typing import Final
 import click
 
 from rvaft.cli import FAILED, Failures, log_options, options, warn
-from rvaft.cli.risk_tree import number_text
+from rvaft.cli.horizon import number_text
 from rvaft.core.fields_to_read import TreeReads
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import name_text

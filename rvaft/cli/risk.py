@@ -11,17 +11,8 @@ import click
 from click.core import ParameterSource
 
 from rvaft.cli import options
-from rvaft.cli.risk_tree import (
-    Horizon,
-    chart_option,
-    csv_text,
-    number_text,
-    risk_tree,
-    time_option,
-    warn_of_bounds,
-    without_option,
-    write_chart,
-)
+from rvaft.cli.horizon import Horizon, number_text, time_option
+from rvaft.cli.risk_tree import chart_option, csv_text, risk_tree, warn_of_bounds, without_option, write_chart
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.export.chart import Chart

@@ -3,7 +3,8 @@
 from typing import Final
 
 from rvaft.cli import warn
-from rvaft.cli.risk_tree import Horizon, risk_tree
+from rvaft.cli.horizon import Horizon
+from rvaft.cli.risk_tree import risk_tree
 from rvaft.errors import OptionError
 from rvaft.export.layout import Marks, set_marks
 from rvaft.model.tree import RVAFT

@@ -12,7 +12,7 @@ import click
 
 from rvaft.api import monitor
 from rvaft.cli import options, warn
-from rvaft.cli.risk_tree import Horizon, time_option
+from rvaft.cli.horizon import Horizon, time_option
 from rvaft.core.branches import Branch, branches
 from rvaft.core.fields_to_read import TreeReads
 from rvaft.errors import OptionError

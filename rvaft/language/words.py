@@ -48,8 +48,8 @@ _TIME: Final = Word("time FIELD as FORMAT [late DURATION];", "says where events 
 _TOPIC: Final = Word("topic NAME type TYPE from PUBLISHERS;", "a topic of ROS for")
 _REPEAT: Final = Word("repeat by X;", "with `--repeat`, only the matches with the detected value of X start afresh")
 _TOP_DOWN: Final = Word("causality top_down;", "the event of a node comes before the events of its descendants")
-_SPARE: Final = "a warm or hot spare may fail before it is used"
-_TRIGGER: Final = Word("f fdep t d e;", "the trigger `t` fails what depends on it; `f` itself never fails")
+_SPARE: Final = "a warm or hot spare may fail before its use"
+_TRIGGER: Final = Word("f fdep t d e;", "the trigger `t` fails its dependents; `f` never fails")
 _TEXTS: Final = "whether a string starts or ends with another string, or contains it"
 _POINTS: Final = "the times of the first and the last event of the part of n"
 _AFTER: Final = Word(
@@ -89,8 +89,8 @@ WORDS: Final[Mapping[Sort, Mapping[str, Word]]] = {
         "wsp": Word("a wsp b c;", _SPARE),
         "hsp": Word("a hsp b c;", _SPARE),
         "csp": Word("a csp b c;", "a cold spare cannot"),
-        "spare": Word("a spare b c;", "the spares are cold, or not"),
-        "sor": Word("a sor b c;", "no event shows which parts were attempted before"),
+        "spare": Word("a spare b c;", "cold spares, or not"),
+        "sor": Word("a sor b c;", "no event shows failed attempts"),
         "fdep": _TRIGGER,
         "pdep": _TRIGGER._replace(usage="f pdep=1 t d e;"),
         "por": Word("a por b c;", "b fails before c does"),

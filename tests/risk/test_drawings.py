@@ -38,7 +38,7 @@ def test_a_number_beyond_the_sets_is_refused() -> None:
     failed(run("show", PUMP, "--cut-set", 3), "--cut-set 3: the tree has 2 minimal cut sets")
     failed(run("show", PUMP, "--cut-set", 1, "--highlight", "branch:1"), "--cut-set and --highlight exclude")
     failed(run("show", PUMP, "--risk", "9 h", "--format", "json"), "--risk: not for the format json")
-    failed(run("show", PUMP, "--risk", "9"), "the rates of the tree have units: write the time as")
+    failed(run("show", PUMP, "--risk", "9"), "the rates of the tree have units: write --risk as")
 
 
 @pytest.mark.parametrize("suffix", ["txt", "svg", "tex", "dot"])

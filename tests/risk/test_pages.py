@@ -78,7 +78,7 @@ def test_a_page_without_the_option_has_no_risk(files: tuple[Path, Path], tmp_pat
 
 def test_what_cannot_follow_a_risk_is_refused(files: tuple[Path, Path]) -> None:
     failed(run("report", *files, *RISK, "--order-by", "t"), "--risk follows the events of the engine one by one")
-    failed(run("report", *files, "--risk", "24"), "the rates of the tree have units")
+    failed(run("report", *files, "--risk", "24"), "have units: write --risk as")
     failed(run("view", *files, *RISK, "--repeat", "--repeat-by", "X"), "omit --repeat-by")
 
 

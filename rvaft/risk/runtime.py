@@ -4,7 +4,7 @@ Rates are constant, so what has happened is all that counts: a state of the chai
 the leaves seen outside of these. The numbers of a chain are solved once for all its states.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
@@ -331,16 +331,6 @@ class LeafPattern(NamedTuple):
 
 Reading: TypeAlias = tuple[LeafPattern, Binding, dict[str, Json]]
 """A leaf that an event shows, and the values of its variables."""
-
-
-def ignoring(tree: RVAFT) -> Callable[[Json], bool]:
-    """Return whether an event is one that the tree ignores."""
-    known = [(tree.instantiate(one.on), None if one.when is None else predicate(one.when)) for one in tree.ignores]
-
-    def ignored(event: Json) -> bool:
-        return any(holds is None or holds(found) for pattern, holds in known for found in ways(pattern, event, {}))
-
-    return ignored if known else lambda _: False
 
 
 def leaf_patterns(tree: RVAFT, leaves: Iterable[Leaf]) -> Iterator[LeafPattern]:

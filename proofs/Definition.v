@@ -98,9 +98,9 @@ Definition Lasts (t : tree) (r : resolution) (last : nat -> nat -> occurrence) :
 Definition assigned E := list (occurrence * E).
 Definition domain {E} (m : assigned E) : list occurrence := map fst m.
 
-(* 3.3: Late events are never among them: under `strict` one of them ends what it falls into.
-   `semantics NAME;` in a tree says which of these its author means; who asks for another one gets
-   that. Without either it is `projected`. *)
+(* 3.3: Late events are never among them: under `strict` one of them ends what it falls into. A tree
+   states its semantics by `semantics NAME;`; an option or argument that names another one takes
+   precedence. Without either it is `projected`. *)
 (** The event fits the occurrence. *)
 Definition Fits (t : tree) (a : nat -> value) (o : occurrence) (e : event) : Prop :=
   late e = false /\ exists p, on (node_at t (fst o)) = Some p /\ fits_pattern a p (content e).
@@ -425,9 +425,9 @@ Definition VerdictAtEnd (s : semantics) (trace : list E) (v : verdict) : Prop :=
 
 (* 4.5: Repetition is an option of monitoring, not of the tree: after ⊤ the monitor starts afresh
    with the next event, as if the trace began there, and what was used is not used again (in SQL:
-   AFTER MATCH SKIP PAST LAST ROW). So the verdict is ⊤ at each event that detects, and after others
-   what it is for the events since the last detection; ⊥ stays final. Positions count in the whole
-   trace, and an event is late by the times of the whole trace. *)
+   AFTER MATCH SKIP PAST LAST ROW). So the verdict is ⊤ at each event that detects. After any other
+   event it is the verdict of the events since the last detection; ⊥ stays final. Positions count in
+   the whole trace, and an event is late by the times of the whole trace. *)
 End Detection.
 
 Section Repetition.
@@ -469,11 +469,12 @@ Definition TraceOf (t : tree) (log : list (value * option Z)) (trace : list even
 (* 3.4: An event is relevant when no `ignore` declaration matches it and, for some assignment of the
    variables, it matches the runtime event of some node reachable from the root, that node's own
    `when` included if all the guard's variables occur in that node's `on` and the guard has no time
-   points. (One with time points is not looked at, no part of it: `when X > 5 and at(b) - at(a) >= 10
-   s` leaves events with X = 1 relevant.) So `ev5 when Value >= 250` as a node of its own leaves low
+   points. (Of a guard with time points no part is used here: `when X > 5 and at(b) - at(a) >= 10 s`
+   leaves events with X = 1 relevant.) So `ev5 when Value >= 250` as a node of its own leaves low
    readings relevant, and one of them breaks a match in progress; a `when` on ev4 itself, or `ignore
-   radiation(V, _) when V < 250;`, does not. An event that fits an `on` only with other values than a
-   match has bound is relevant, and the end of that match. The variables of an `ignore` are its own. *)
+   radiation(V, _) when V < 250;`, does not. An event that fits an `on` only with other values than
+   a match has bound is relevant, and the end of that match. The variables of an `ignore` are its
+   own. *)
 Definition whole (t : tree) : resolution := combine (seq 0 (length (nodes t))) (map children (nodes t)).
 
 Definition Ignored (t : tree) (e : event) : Prop :=

@@ -102,7 +102,7 @@ def test_counted_leaves(language: SqlBackend, name: str, late: str) -> None:
     if late == "late 0 s":
         assert ("count_1" in specification.text) == (name not in JOINED)
     random, traces = Random(f"{name} {late}"), list[list[Any]]()
-    for _ in range(80):
+    for _ in range(160):
         now, trace, letters = 0, list[Any](), random.choice(("aaaabc", "aaabbb"))
         for _ in range(random.randrange(4, 15)):
             now += random.choice((0, 0, 1, 1, 2, random.choice((-1, 1))))

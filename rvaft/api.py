@@ -253,7 +253,8 @@ def risk_monitor(tree: "RVAFT | str | os.PathLike[str]", horizon: float) -> "Ris
     """
     from rvaft.risk.runtime import RiskMonitor  # noqa: PLC0415 -- imported on use
 
-    return RiskMonitor(tree if isinstance(tree, RVAFT) else load(tree), _risk_tree(tree), horizon)
+    whole = tree if isinstance(tree, RVAFT) else load(tree)
+    return RiskMonitor(whole, _risk_tree(tree if whole.translated else whole), horizon)
 
 
 def _risk_tree(tree: "RVAFT | str | os.PathLike[str]") -> "RiskTree":

@@ -10,11 +10,10 @@ from click.core import ParameterSource
 
 from rvaft.cli import options
 from rvaft.cli.horizon import Horizon, number_text, time_option
-from rvaft.cli.risk_tree import chart_option, csv_text, risk_tree, without_option, write_chart
+from rvaft.cli.risk_tree import chart_option, csv_text, require_time, risk_tree, without_option, write_chart
 from rvaft.export.chart import Chart
 from rvaft.model.nodes import Kind
 from rvaft.risk.attacks import Attack, Attacks
-from rvaft.risk.model import without
 from rvaft.support.terminal import columns
 
 _ROWS: Final = 12
@@ -62,12 +61,8 @@ def attacks_command(
         for name in ("max_order", "limit"):
             chosen = context.get_parameter_source(name) is not ParameterSource.DEFAULT
             options.refuse(chosen, f"--{name.replace('_', '-')} is for minimal attacks: omit it with --list {by}")
-    given = risk_tree(tree, branch=branch, kind=kind)
-    for name in gone:
-        given = without(given, name)
-    options.refuse(horizon is None and given.unit is not None, "the tree has rates: say --time TIME")
-    if horizon is not None:
-        horizon.require(given.unit)
+    given = risk_tree(tree, branch=branch, kind=kind, gone=gone)
+    require_time(horizon, given.unit)
     attacks = Attacks(given, None if horizon is None else horizon.value)
     if by in ("front", "damage-front"):
         found = attacks.front(damage=by == "damage-front")

@@ -2,7 +2,6 @@
 
 import shutil
 import sys
-from contextlib import ExitStack
 from typing import Any, BinaryIO, Final, cast
 
 import click
@@ -12,7 +11,7 @@ from rvaft.core.fields_to_read import TreeReads
 from rvaft.coverage import DEFAULT_BRANCHES, Coverage, json_text, table_text
 from rvaft.monitors import DEFAULT_LIMIT
 from rvaft.readers.json_lines import JsonLinesReader
-from rvaft.readers.log import Interest, Log, LogSource, expanded, required_stream, source_of
+from rvaft.readers.log import Interest, Log, expanded
 from rvaft.stream.detection import identifying_fields
 
 _NARROWEST: Final = 60
@@ -56,12 +55,7 @@ def coverage_command(
     failures = Failures()
     files = [file for some in failures.collect(expanded, logs) for file in some]
     for file, reader in zip(files, log_format.readers(files), strict=True):
-        with failures.reported(), ExitStack() as stack:
-            if file == "-":
-                source: LogSource = required_stream(reader, options.standard_input("LOG"))
-            else:
-                source = stack.enter_context(source_of(reader, file))
-            name = "<stdin>" if file == "-" else click.format_filename(file)
+        with failures.reported(), log_options.opened(reader, file) as (source, name):
             if isinstance(reader, JsonLinesReader):
                 coverage.add(name, cast("BinaryIO", source), strict_json=strict_json)
                 continue

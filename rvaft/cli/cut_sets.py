@@ -8,11 +8,11 @@ import click
 
 from rvaft.cli import options, warn
 from rvaft.cli.horizon import Horizon, number_text, time_option
-from rvaft.cli.risk_tree import csv_text, risk_tree, without_option
+from rvaft.cli.risk_tree import csv_text, require_time, risk_tree, without_option
 from rvaft.model.nodes import Kind
 from rvaft.risk.cut_sets import CutSet, CutSets
-from rvaft.risk.model import RiskTree, without
-from rvaft.risk.probability import leaf_probability
+from rvaft.risk.model import RiskTree
+from rvaft.risk.probability import leaf_chances
 from rvaft.support.wording import counted
 
 
@@ -43,9 +43,7 @@ def cut_sets_command(
     set of one event.
     """
     options.refuse(horizon is not None and not most_probable, "--time needs --most-probable")
-    given = risk_tree(tree, branch=branch, kind=kind)
-    for name in gone:
-        given = without(given, name)
+    given = risk_tree(tree, branch=branch, kind=kind, gone=gone)
     found = CutSets(given, order=max_order)
     if most_probable:
         given.require_numbers()
@@ -73,11 +71,8 @@ def cut_sets_command(
 
 
 def _chances(tree: RiskTree, horizon: Horizon | None) -> dict[str, float]:
-    unit = tree.unit
-    options.refuse(horizon is None and unit is not None, "the tree has rates: say --time TIME")
-    if horizon is not None:
-        horizon.require(unit)
-    return {name: leaf_probability(leaf, horizon.value if horizon else 0.0) for name, leaf in tree.leaves.items()}
+    require_time(horizon, tree.unit)
+    return leaf_chances(tree, horizon.value if horizon else 0.0)
 
 
 def _order_texts(one: CutSet) -> list[str]:

@@ -1,15 +1,25 @@
 """The options that state the format of logs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import wraps
 from typing import Any, Final, cast
 
 import click
 
-from rvaft.cli.options import F, read_named, refuse
+from rvaft.cli.options import F, read_named, refuse, standard_input
 from rvaft.readers.json_lines import JsonLinesReader
-from rvaft.readers.log import OF_FORMATS, SHIPPED, FieldType, InputOptions, LogReader
+from rvaft.readers.log import (
+    OF_FORMATS,
+    SHIPPED,
+    FieldType,
+    InputOptions,
+    LogReader,
+    LogSource,
+    required_stream,
+    source_of,
+)
 from rvaft.readers.registry import format_of, profile_reader, reader, reader_class
 from rvaft.support.wording import listing
 
@@ -98,3 +108,13 @@ def log_format(function: F) -> F:
     what = "With a recording of ROS: a folder with the message definitions that it lacks, as PACKAGE/msg/NAME.msg."
     messages = click.option("--messages", metavar="FOLDER", help=what)
     return cast("F", form(declared(records(types(pattern(dbc(messages(gathered))))))))
+
+
+@contextmanager
+def opened(reader: LogReader, file: str) -> Iterator[tuple[LogSource, str]]:
+    """Open a log, or standard input (`-`), and yield it with its name for messages."""
+    if file == "-":
+        yield required_stream(reader, standard_input("LOG")), "<stdin>"
+    else:
+        with source_of(reader, file) as source:
+            yield source, click.format_filename(file)

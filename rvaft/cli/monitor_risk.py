@@ -128,7 +128,7 @@ def _of(part: RVAFT, form: RiskTree, horizon: float, semantics: Semantics) -> Ri
 def risk_listener(file: str, plan: MonitoringPlan, horizon: Horizon, above: float | None, hooks: Hooks) -> RiskListener:
     """Return the listener for a tree of a file, or the part of it that is monitored."""
     part = plan.monitors.columns[0].part
-    form = of_tree(part) if part.restricted else risk_tree(file)
+    form = risk_tree(file) if part.translated and not part.restricted else of_tree(part)
     horizon.require(form.unit, file)
     warn_of_bounds(form)
     listener = RiskListener(plan, form, horizon, above, hooks)

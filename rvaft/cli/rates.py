@@ -3,7 +3,6 @@
 import json
 import math
 import sys
-from contextlib import ExitStack
 from typing import Final
 
 import click
@@ -14,7 +13,7 @@ from rvaft.core.fields_to_read import TreeReads
 from rvaft.model.event_time import UNITS
 from rvaft.model.expressions import name_text
 from rvaft.model.quantities import NANOSECONDS
-from rvaft.readers.log import Interest, Log, LogSource, expanded, required_stream, source_of
+from rvaft.readers.log import Interest, Log, expanded
 from rvaft.risk.model import of_tree
 from rvaft.risk.rates import Rate, RateEstimate
 from rvaft.stream.detection import identifying_fields
@@ -51,12 +50,7 @@ def rates_command(
     failures = Failures()
     files = [file for some in failures.collect(expanded, logs) for file in some]
     for file, reader in zip(files, log_format.readers(files), strict=True):
-        with failures.reported(), ExitStack() as stack:
-            if file == "-":
-                source: LogSource = required_stream(reader, options.standard_input("LOG"))
-            else:
-                source = stack.enter_context(source_of(reader, file))
-            name = "<stdin>" if file == "-" else click.format_filename(file)
+        with failures.reported(), log_options.opened(reader, file) as (source, name):
             reads = TreeReads(whole)
             log = Log(reader, source, name, reads, strict_json, interest=Interest.of(reads, identifying_fields(whole)))
             estimate.add(event for event in log.events() if event is not None)

@@ -12,7 +12,15 @@ from click.core import ParameterSource
 
 from rvaft.cli import options
 from rvaft.cli.horizon import Horizon, number_text, time_option
-from rvaft.cli.risk_tree import chart_option, csv_text, risk_tree, warn_of_bounds, without_option, write_chart
+from rvaft.cli.risk_tree import (
+    chart_option,
+    csv_text,
+    require_time,
+    risk_tree,
+    warn_of_bounds,
+    without_option,
+    write_chart,
+)
 from rvaft.engine.monitor import Engine
 from rvaft.errors import OptionError, RvaftError, TooLarge
 from rvaft.export.chart import Chart
@@ -20,8 +28,8 @@ from rvaft.model.expressions import name_text
 from rvaft.model.nodes import Kind
 from rvaft.model.verdict import Semantics
 from rvaft.risk.cut_sets import CutSets
-from rvaft.risk.model import RiskTree, without
-from rvaft.risk.probability import Analysis, Importance, dynamic_parts, leaf_probability
+from rvaft.risk.model import RiskTree
+from rvaft.risk.probability import Analysis, Importance, dynamic_parts, leaf_chances
 from rvaft.risk.pruning import Pruning, prunable
 from rvaft.risk.simulation import Simulation
 from rvaft.support.terminal import columns
@@ -79,17 +87,13 @@ def risk_command(
     options.exclusive(**{"curve": curve, "importance": importance, "prune-below": prune_below, "simulate": samples})
     options.refuse(output is not None and curve is None, "-o draws a curve: add --curve N")
     options.refuse(output is not None and form != "text", f"-o draws a chart, not the format {form}")
-    given = risk_tree(tree, branch=branch, kind=kind)
-    for name in gone:
-        given = without(given, name)
+    given = risk_tree(tree, branch=branch, kind=kind, gone=gone)
     if samples is not None:
         options.refuse(gone, "--simulate draws logs of the whole tree: omit --without")
         return _simulate(given, horizon, samples=samples, seed=seed, semantics=semantics, form=form)
     options.refuse(semantics is not None, "--semantics needs --simulate: chains and diagrams are for scattered")
     analysis = Analysis(given)
-    options.refuse(horizon is None and analysis.unit is not None, "the tree has rates: say --time TIME")
-    if horizon is not None:
-        horizon.require(analysis.unit)
+    require_time(horizon, analysis.unit)
     time = horizon.value if horizon is not None else 0.0
     warn_of_bounds(given)
     if curve is not None:
@@ -139,7 +143,7 @@ def _note_bound(error: TooLarge, tree: RiskTree, time: float) -> None:
     """Add what is known all the same: a lower bound from the smallest cut sets."""
     if dynamic_parts(tree):
         return
-    chances = {name: leaf_probability(leaf, time) for name, leaf in tree.leaves.items()}
+    chances = leaf_chances(tree, time)
     for order in range(_BOUND_ORDER, 0, -1):
         with suppress(TooLarge):
             found = CutSets(tree, order=order, nodes=_BOUND_NODES)
@@ -234,7 +238,7 @@ def _cut_set_shares(tree: RiskTree, found: list[Importance], time: float) -> dic
     """Return the cut-set Fussell-Vesely importance of each leaf of a static tree with few cut sets."""
     if dynamic_parts(tree):
         return {}
-    chances = {name: leaf_probability(leaf, time) for name, leaf in tree.leaves.items()}
+    chances = leaf_chances(tree, time)
     with suppress(TooLarge):
         sets = CutSets(tree, nodes=_BOUND_NODES)
         whole = sets.probability(chances, nodes=_BOUND_NODES)

@@ -3,16 +3,18 @@
 import csv
 import io
 from collections.abc import Iterable, Sequence
+from functools import reduce
 from typing import Final
 
 import click
 
 from rvaft.cli import options, warn
+from rvaft.cli.horizon import Horizon
 from rvaft.errors import OptionError
 from rvaft.export import format_of
 from rvaft.export.chart import FORMATS, Chart, chart_text
 from rvaft.model.nodes import Kind
-from rvaft.risk.model import RiskTree, of_draft, of_tree
+from rvaft.risk.model import RiskTree, of_draft, of_tree, without
 from rvaft.risk.runtime import confused
 from rvaft.rules.validity import valid_part
 from rvaft.support.files import deliver
@@ -24,14 +26,24 @@ def _drawable(_context: object, _parameter: object, file: str | None) -> str | N
     return file
 
 
-def risk_tree(tree: str, *, branch: int | None = None, kind: Kind | None = None) -> RiskTree:
-    """Read a tree for an analysis: dynamic gates of Galileo keep their own meaning."""
+def risk_tree(tree: str, *, branch: int | None = None, kind: Kind | None = None, gone: Iterable[str] = ()) -> RiskTree:
+    """Read a tree for an analysis, as if the nodes `gone` never happened.
+
+    Dynamic gates of Galileo keep their own meaning.
+    """
     form = of_draft(options.read_draft_as_written(tree))
-    if branch is None and kind is None:
-        return form
-    if form.tree is None:
-        raise OptionError("dynamic gates of Galileo have no branches or kinds: omit --branch and --kind")
-    return of_tree(valid_part(form.tree, branch, kind))
+    if branch is not None or kind is not None:
+        if form.tree is None:
+            raise OptionError("dynamic gates of Galileo have no branches or kinds: omit --branch and --kind")
+        form = of_tree(valid_part(form.tree, branch, kind))
+    return reduce(without, gone, form)
+
+
+def require_time(horizon: Horizon | None, unit: str | None) -> None:
+    """Refuse a missing time, or one that has another unit than the rates."""
+    options.refuse(horizon is None and unit is not None, "the tree has rates: say --time TIME")
+    if horizon is not None:
+        horizon.require(unit)
 
 
 def warn_of_bounds(form: RiskTree) -> None:

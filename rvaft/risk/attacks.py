@@ -54,7 +54,6 @@ class Attacks:
     def __init__(self, tree: RiskTree, time: float | None = None, *, points: int = DEFAULT_POINTS) -> None:
         self.tree = _static(tree)
         self._points = points
-        self._time = time
         leaves = [self.tree.leaves[name] for name in self.tree.order() if name in self.tree.leaves]
         self.steps = tuple([leaf.name for leaf in leaves if leaf.numbers.cost is not None])
         if not self.steps:

@@ -60,8 +60,7 @@ class Machine:
 
     def __init__(self, tree: RiskTree, root: str, *, given: Mapping[str, float | None] | None = None) -> None:
         self.tree = tree
-        kept = _with_causes(tree, root)
-        names = below(tree, kept)
+        names = below(tree, [root, *tree.needed(root)])
         self.names = tuple(names)
         self.number = {name: place for place, name in enumerate(names)}
         self._root = self.number[root]
@@ -477,17 +476,3 @@ class Machine:
                     yield place if one.coin is None else self.number[one.coin]
             for uses in self._modules.get(place, ()):
                 yield from (spare for spare, _ in uses if state[spare] >= 0)
-
-
-def _with_causes(tree: RiskTree, root: str) -> list[str]:
-    """Return the root, and the elements that it depends on by dependencies and restrictions."""
-    roots = {root: None}
-    while True:
-        kept = set(below(tree, roots))
-        depending = [one for one in tree.dependencies if any(name in kept for name in one.dependents)]
-        more = [name for one in depending for name in (one.trigger, one.coin) if name is not None]
-        more += [name for one in tree.restrictions if any(c in kept for c in one.children) for name in one.children]
-        new = [name for name in more if name not in kept]
-        if not new:
-            return list(roots)
-        roots.update(dict.fromkeys(new))

@@ -11,13 +11,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, permutations
-from typing import Any, Final, NamedTuple, assert_never
+from typing import Any, Final, NamedTuple
 
 from rvaft.errors import TooLarge, ToolMissing, installed
 from rvaft.model.nodes import Kind
 from rvaft.risk.chain import Machine, State
 from rvaft.risk.diagram import DEFAULT_NODES as DIAGRAM
-from rvaft.risk.diagram import diagram, flat_diagram, walk
+from rvaft.risk.diagram import diagram, flat_diagram, gate_value, walk
 from rvaft.risk.model import PACKAGES, Op, RiskTree, below
 from rvaft.risk.probability import dynamic_parts
 
@@ -267,7 +267,6 @@ class CutSets:
         """The variables: leaves, and sequences of parts."""
         self.sequences: dict[int, Sequenced] = {}
         self._number: dict[str, int] = {}
-        self._weight: list[int] = []
         with _deep(len(tree.leaves) + len(tree.gates)):
             found = self._of_diagram() if order is None and not self.parts else None
             self.root = self._build(order) if found is None else found
@@ -298,10 +297,7 @@ class CutSets:
 
     def _build(self, order: int | None) -> int:
         families, made = self.families, dict[str, int]()
-        causes: dict[str, list[tuple[str, str | None]]] = {}
-        for dependency in self.tree.dependencies:
-            for name in dependency.dependents:
-                causes.setdefault(name, []).append((dependency.trigger, dependency.coin))
+        causes = self.tree.causes()
         walked = walk(self.tree, self.parts, causes)
         for name in walked:
             for leaf in self._own(name):
@@ -324,7 +320,10 @@ class CutSets:
                     made[name] = found
                 else:
                     gate = self.tree.gates[name]
-                    made[name] = self._gate(gate.op, gate.need, [made.get(child, NONE) for child in gate.children])
+                    children = [made.get(child, NONE) for child in gate.children]
+                    made[name] = gate_value(
+                        gate, children, false=NONE, true=UNIT, either=families.union, both=families.product
+                    )
             if not causes or made == before:
                 return made[self.tree.root]
 
@@ -336,32 +335,6 @@ class CutSets:
         if name in self.parts:
             return [leaf.name for leaf in Machine(self.tree, name).leaves]
         return [name] if name in self.tree.leaves else []
-
-    def _gate(self, op: Op, need: int, parts: Sequence[int]) -> int:
-        families = self.families
-        match op:
-            case Op.OR:
-                found = NONE
-                for part in reversed(parts):
-                    found = families.union(part, found)
-                return found
-            case Op.AND:
-                found = UNIT
-                for part in reversed(parts):
-                    found = families.product(part, found)
-                return found
-            case Op.AT_LEAST:
-                row = [UNIT, *[NONE] * need]
-                for part in reversed(parts):
-                    row = [
-                        UNIT,
-                        *(families.union(row[k], families.product(part, row[k - 1])) for k in range(1, need + 1)),
-                    ]
-                return row[need]
-            case Op.SEQUENCE | Op.PRIORITY | Op.FIRST | Op.SPARE:
-                raise AssertionError(op)
-            case _:
-                assert_never(op)
 
     def _part(self, part: str, order: int | None) -> int:
         families, found = self.families, NONE

@@ -3,12 +3,17 @@
 Oxidd builds them, in the order in which a depth-first walk meets the leaves.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import reduce
+from itertools import pairwise
+from operator import and_, or_
 from types import MappingProxyType
-from typing import Any, Final, NamedTuple, assert_never
+from typing import Any, Final, NamedTuple, TypeVar, assert_never
 
 from rvaft.errors import TooLarge, installed
-from rvaft.risk.model import PACKAGES, Op, RiskTree
+from rvaft.risk.model import PACKAGES, Op, RiskGate, RiskTree
+
+T = TypeVar("T")
 
 DEFAULT_NODES: Final = 4_000_000
 """The default number of nodes of a diagram: about 100 MB."""
@@ -89,17 +94,15 @@ def diagram(
     (('a', 'b', 'c'), 0.625)
     """
     oxidd = installed("oxidd.bdd", "oxidd", PACKAGES)
-    causes: dict[str, list[tuple[str, str | None]]] = {}
-    for one in tree.dependencies:
-        for name in one.dependents:
-            causes.setdefault(name, []).append((one.trigger, one.coin))
+    causes = tree.causes()
     order = walk(tree, parts, causes)
     variables = [chosen[name] for name in order if name in chosen]
     variables += [name for name in order if name in tree.leaves or name in parts]
     manager = oxidd.BDDManager(nodes, max(1024, nodes // 4), 1)
     manager.add_vars(len(variables))
     number = {name: place for place, name in enumerate(variables)}
-    made: dict[str, Any] = dict.fromkeys(order, manager.false())
+    false, true = manager.false(), manager.true()
+    made: dict[str, Any] = dict.fromkeys(order, false)
     try:
         while True:  # once, unless dependencies form a cycle
             changed = False
@@ -112,7 +115,10 @@ def diagram(
                         found = found | (made[trigger] if coin is None else made[trigger] & made[coin])
                 else:
                     gate = tree.gates[name]
-                    found = _gate(manager, gate.op, gate.need, [made[child] for child in gate.children])
+                    children = [made[child] for child in gate.children]
+                    found = gate_value(
+                        gate, children, false=manager.false(), true=manager.true(), either=or_, both=and_
+                    )
                 changed = changed or made[name] != found
                 made[name] = found
             if not causes or not changed:
@@ -140,27 +146,29 @@ def walk(tree: RiskTree, parts: frozenset[str], causes: Mapping[str, Sequence[tu
     return list(found)
 
 
-def _gate(manager: Any, op: Op, need: int, parts: list[Any]) -> Any:
-    match op:
+def gate_value(
+    gate: RiskGate, parts: Sequence[T], *, false: T, true: T, either: Callable[[T, T], T], both: Callable[[T, T], T]
+) -> T:
+    """Return the value of a static gate from those of its children, by disjunction and conjunction.
+
+    >>> gate = RiskGate("g", Op.AT_LEAST, ("a", "b", "c"), need=2)
+    >>> gate_value(gate, [True, False, True], false=False, true=True, either=or_, both=and_)
+    True
+    """
+    match gate.op:
         case Op.OR:
-            found = manager.false()
-            for part in reversed(parts):
-                found = part | found
-            return found
+            return reduce(lambda found, part: either(part, found), reversed(parts), false)
         case Op.AND:
-            found = manager.true()
-            for part in reversed(parts):
-                found = part & found
-            return found
+            return reduce(lambda found, part: both(part, found), reversed(parts), true)
         case Op.AT_LEAST:
-            row = [manager.true(), *[manager.false()] * need]
+            row = [true, *[false] * gate.need]
             for part in reversed(parts):  # row[k]: at least k of the parts so far
-                row = [row[0], *[part.ite(row[k - 1], row[k]) for k in range(1, need + 1)]]
-            return row[need]
+                row = [true, *(either(more, both(part, fewer)) for fewer, more in pairwise(row))]
+            return row[gate.need]
         case Op.SEQUENCE | Op.PRIORITY | Op.FIRST | Op.SPARE:
-            raise AssertionError(op)
+            raise AssertionError(gate.op)
         case _:
-            assert_never(op)
+            assert_never(gate.op)
 
 
 def flat_diagram(variables: tuple[str, ...], roots: list[Any], limit: int) -> Diagram:

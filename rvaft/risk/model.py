@@ -18,7 +18,7 @@ from rvaft.language.parser import parse_file_as_written
 from rvaft.model.guards import time_points, variables
 from rvaft.model.nodes import Causality, Gate, Kind, Node
 from rvaft.model.quantities import Quantities, WrongQuantity, quantities
-from rvaft.model.tree import RVAFT, find_cycle
+from rvaft.model.tree import RVAFT, find_cycle, reachable
 from rvaft.rules.validity import valid_tree
 from rvaft.support.wording import did_you_mean
 
@@ -124,14 +124,32 @@ class RiskTree:
     timed: tuple[str, ...] = ()
     tree: RVAFT | None = None
 
-    @property
-    def static(self) -> bool:
-        """Whether no order of events matters."""
-        return not self.restrictions and all(gate.op.static for gate in self.gates.values())
-
     def children(self, name: str) -> tuple[str, ...]:
         """Return the children of a gate; a leaf has none."""
         return self.gates[name].children if name in self.gates else ()
+
+    def causes(self) -> dict[str, list[tuple[str, str | None]]]:
+        """Return the triggers of each dependent, each with the leaf that has its probability, if any."""
+        found: dict[str, list[tuple[str, str | None]]] = {}
+        for one in self.dependencies:
+            for name in one.dependents:
+                found.setdefault(name, []).append((one.trigger, one.coin))
+        return found
+
+    def needed(self, root: str) -> Iterator[str]:
+        """Iterate over what an element depends on, itself first, also through others."""
+        return reachable(root, self.needs)
+
+    def needs(self, name: str) -> list[str]:
+        """Return what an element depends on: children, triggers, and what restricts it."""
+        found = [*self.children(name)]
+        for one in self.dependencies:
+            if name in one.dependents:
+                found += [one.trigger, *([] if one.coin is None else [one.coin])]
+        for restriction in self.restrictions:
+            if name in restriction.children:
+                found += [other for other in restriction.children if other != name]
+        return found
 
     def order(self) -> list[str]:
         """Return the elements below the root, each after its children, from left to right.
@@ -419,12 +437,12 @@ class _Building:
                 old = self._gates[gate]
                 inner = f"parts of {gate}"
                 self._gates[inner] = RiskGate(inner, old.op, old.children, old.need)
-                self._gates[gate] = RiskGate(gate, Op.OR, (inner, new[gate]), 0, old.kind, old.label, old.numbers)
+                self._gates[gate] = replace(old, op=Op.OR, children=(inner, new[gate]), need=0)
             for name in dependency.dependents:
                 if name not in self._gates and name not in self._leaves:
                     raise RiskError(f"{name}, a dependent of {dependency.name}, never fails")
             dependents = tuple(new.get(name, name) for name in dependency.dependents)
-            self._dependencies[place] = Dependency(dependency.name, dependency.trigger, dependents, dependency.coin)
+            self._dependencies[place] = replace(dependency, dependents=dependents)
 
     def _read_native_pands(self, kinds: Mapping[str, str]) -> None:
         """Read `pand` over events that recur as a sequence, which it is over single events."""
@@ -437,7 +455,7 @@ class _Building:
                 continue
             if not all(child in self._leaves and self._leaves[child].times == 1 for child in gate.children):
                 self._timed.append(name.removeprefix("parts of "))
-            self._gates[name] = RiskGate(name, Op.SEQUENCE, gate.children, 0, gate.kind, gate.label, gate.numbers)
+            self._gates[name] = replace(gate, op=Op.SEQUENCE)
 
 
 def _op(node: Node, kind: str | None) -> Op:
@@ -474,33 +492,20 @@ def _op(node: Node, kind: str | None) -> Op:
 
 def _reached(form: RiskTree) -> RiskTree:
     """Return the form without what the root does not depend on, checked for what cannot be analysed."""
-    kept = dict.fromkeys(form.order())
-    while True:
-        depending = [one for one in form.dependencies if any(name in kept for name in one.dependents)]
-        more = [name for one in depending for name in (one.trigger, one.coin) if name is not None]
-        more += [child for one in form.restrictions if any(c in kept for c in one.children) for child in one.children]
-        if all(name in kept for name in more):
-            break
-        kept.update(dict.fromkeys(below(form, more)))
-    return RiskTree(
-        form.root,
-        MappingProxyType({name: leaf for name, leaf in form.leaves.items() if name in kept}),
-        MappingProxyType({name: gate for name, gate in form.gates.items() if name in kept}),
-        tuple(
-            Dependency(one.name, one.trigger, tuple(name for name in one.dependents if name in kept), one.coin)
+    kept = set(form.needed(form.root))
+    return replace(
+        form,
+        leaves=MappingProxyType({name: leaf for name, leaf in form.leaves.items() if name in kept}),
+        gates=MappingProxyType({name: gate for name, gate in form.gates.items() if name in kept}),
+        dependencies=tuple(
+            replace(one, dependents=tuple(name for name in one.dependents if name in kept))
             for one in form.dependencies
             if any(name in kept for name in one.dependents)
         ),
-        tuple(one for one in form.restrictions if any(child in kept for child in one.children)),
-        tuple(name for name in form.assumed if name in kept or f"guard of {name}" in kept),
-        tuple(name for name in form.timed if name in kept),
-        form.tree,
+        restrictions=tuple(one for one in form.restrictions if any(child in kept for child in one.children)),
+        assumed=tuple(name for name in form.assumed if name in kept or f"guard of {name}" in kept),
+        timed=tuple(name for name in form.timed if name in kept),
     )
-
-
-def leaves_below(tree: RiskTree, name: str) -> Iterator[Leaf]:
-    """Yield the leaves at or below an element, from left to right."""
-    return (tree.leaves[one] for one in below(tree, [name]) if one in tree.leaves)
 
 
 def later_leaves(form: RiskTree) -> set[str]:

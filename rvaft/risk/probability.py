@@ -222,6 +222,11 @@ def leaf_probability(leaf: Leaf, time: float) -> float:
     return float(special.gammainc(leaf.times, mean))
 
 
+def leaf_chances(tree: RiskTree, time: float) -> dict[str, float]:
+    """Return the probability of each leaf by a time."""
+    return {name: leaf_probability(leaf, time) for name, leaf in tree.leaves.items()}
+
+
 def _of_chain(solved: Chain, times: Sequence[float]) -> "Numbers":
     return from_start(solved, solved.machine.start(), times)
 
@@ -246,15 +251,14 @@ def dynamic_parts(tree: RiskTree) -> frozenset[str]:
     >>> sorted(dynamic_parts(of_tree(rvaft.loads("t or g c; g sand a b;"))))
     ['g']
     """
-    names = _closure(tree)
-    edges = {name: _needs(tree, name) for name in names}
+    names = list(tree.needed(tree.root))
     restricted = {child for one in tree.restrictions for child in one.children}
     dynamic = [name for name in names if (name in tree.gates and not tree.gates[name].op.static) or name in restricted]
     if not dynamic:
         return frozenset()
     graph = nx.DiGraph()
     graph.add_node(tree.root)
-    graph.add_edges_from((name, child) for name, children in edges.items() for child in children)
+    graph.add_edges_from((name, other) for name in names for other in tree.needs(name))
     above = nx.immediate_dominators(graph, tree.root)
     reach: dict[str, frozenset[str]] = {}
     found: set[str] = set()
@@ -265,29 +269,6 @@ def dynamic_parts(tree: RiskTree) -> frozenset[str]:
         found.add(part)
     inside = {part: _reachable(graph, part) for part in found}
     return frozenset(part for part in found if not any(part in inside[o] and part != o for o in found))
-
-
-def _closure(tree: RiskTree) -> list[str]:
-    found = dict.fromkeys([tree.root])
-    waiting = [tree.root]
-    while waiting:
-        for name in _needs(tree, waiting.pop()):
-            if name not in found:
-                found[name] = None
-                waiting.append(name)
-    return list(found)
-
-
-def _needs(tree: RiskTree, name: str) -> list[str]:
-    """Return what an element depends on: children, triggers, and what restricts it."""
-    found = [*tree.children(name)]
-    for one in tree.dependencies:
-        if name in one.dependents:
-            found += [one.trigger, *([] if one.coin is None else [one.coin])]
-    for restriction in tree.restrictions:
-        if name in restriction.children:
-            found += [other for other in restriction.children if other != name]
-    return found
 
 
 def _reachable(graph: "nx.DiGraph[str]", name: str) -> frozenset[str]:

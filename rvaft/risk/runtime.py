@@ -5,7 +5,7 @@ the leaves seen outside of these. The numbers of a chain are solved once for all
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 from rvaft.core.overlaps import Overlaps, overlaps
@@ -298,7 +298,7 @@ def _remaining(leaf: Leaf, count: int, horizon: float) -> float:
         return 1.0
     if leaf.numbers.chance is not None or not count:
         return leaf_probability(leaf, horizon)
-    return leaf_probability(Leaf(leaf.name, leaf.node, leaf.numbers, leaf.once, leaf.times - count), horizon)
+    return leaf_probability(replace(leaf, times=leaf.times - count), horizon)
 
 
 class LeafPattern(NamedTuple):

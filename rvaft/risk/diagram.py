@@ -116,9 +116,7 @@ def diagram(
                 else:
                     gate = tree.gates[name]
                     children = [made[child] for child in gate.children]
-                    found = gate_value(
-                        gate, children, false=manager.false(), true=manager.true(), either=or_, both=and_
-                    )
+                    found = gate_value(gate, children, false=false, true=true, either=or_, both=and_)
                 changed = changed or made[name] != found
                 made[name] = found
             if not causes or not changed:
